@@ -9,7 +9,6 @@ from controller.common.errors import InputError
 from plant_sim.benchmark.live_catalogue import LIVE_PARTS
 from plant_sim.benchmark.part import BenchFigure, BenchPart, lazily
 
-_PACKAGE: Final = "plant_sim.benchmark"
 _NO_GCC: Final = "gcc is not installed"
 
 _SCAN: Final = BenchPart(
@@ -18,7 +17,7 @@ _SCAN: Final = BenchPart(
     explanation="The PLC alone with Python functions, as in the controller, reads the recorded inputs of a trial. The "
     "slowest tenth is the mean over the slowest tenth of the trial.",
     repetitions=5,
-    measure=lazily(f"{_PACKAGE}.images:measure_scan"),
+    measure=lazily("plant_sim.benchmark.images:measure_scan"),
     figures={
         "scan": BenchFigure("scan, mean", "us CPU", at_most=50),
         "slowest_tenth": BenchFigure("slowest tenth of the trial", "us CPU"),
@@ -30,7 +29,7 @@ _PLANT: Final = BenchPart(
     explanation="The plant alone, with all devices in steps of 1 ms and the recorded outputs of a trial, called from "
     "Python every 10 ms.",
     repetitions=5,
-    measure=lazily(f"{_PACKAGE}.images:measure_plant"),
+    measure=lazily("plant_sim.benchmark.images:measure_plant"),
     figures={
         "plant": BenchFigure("10 ms of plant time", "us CPU"),
         "ratio": BenchFigure("simulated time to CPU time", at_least=1000),
@@ -45,7 +44,7 @@ _TRIAL: Final = BenchPart(
     "of the CPU time of the trial in machine code; *other kernel* is the time for sensors, input filter and limits. "
     "*Calls of Python* is the number of times that the run in machine code was interrupted.",
     repetitions=5,
-    measure=lazily(f"{_PACKAGE}.twin:measure_trial"),
+    measure=lazily("plant_sim.benchmark.twin:measure_trial"),
     figures={
         "step_by_step": BenchFigure("step by step", "x real time"),
         "machine_code": BenchFigure("in machine code", "x real time"),
@@ -65,7 +64,7 @@ _SNAPSHOT: Final = BenchPart(
     title="Snapshot",
     explanation="Copy of the complete state of a twin at work, and its restoration: minimum of three rounds of 2,000.",
     repetitions=5,
-    measure=lazily(f"{_PACKAGE}.twin:measure_snapshot"),
+    measure=lazily("plant_sim.benchmark.twin:measure_snapshot"),
     figures={
         "snapshot": BenchFigure("snapshot", "us CPU", at_most=100),
         "restoration": BenchFigure("restoration", "us CPU", at_most=100),
@@ -77,7 +76,7 @@ _FLEET: Final = BenchPart(
     explanation="120 trials with different seeds in processes that have already started, one process and then two. A "
     "speed is simulated time divided by wall time.",
     repetitions=3,
-    measure=lazily(f"{_PACKAGE}.twin:measure_fleet"),
+    measure=lazily("plant_sim.benchmark.twin:measure_fleet"),
     figures={
         "one": BenchFigure("on one core", "x real time"),
         "two": BenchFigure("on two cores", "x real time"),
@@ -90,7 +89,7 @@ _START: Final = BenchPart(
     explanation="Wall time of a new process from its first import to the end of its first scan, with the compiled code "
     "of the plant on disk. The first start after a change to the plant's source code also compiles the plant.",
     repetitions=5,
-    measure=lazily(f"{_PACKAGE}.twin:measure_start"),
+    measure=lazily("plant_sim.benchmark.twin:measure_start"),
     figures={"start": BenchFigure("start of a process", "s", at_most=1)},
 )
 _INSTRUCTIONS: Final = BenchPart(
@@ -105,7 +104,7 @@ _INSTRUCTIONS: Final = BenchPart(
     "([fx2n.md 1.3](sources/fx2n.md#13-execution-times), from memory). Each time is the minimum of thirty alternating "
     "rounds.",
     repetitions=5,
-    measure=lazily(f"{_PACKAGE}.fx_engine:measure_instructions"),
+    measure=lazily("plant_sim.benchmark.fx_engine:measure_instructions"),
     figures={
         "machine": BenchFigure("machine code", "ns CPU"),
         "c": BenchFigure("C", "ns CPU", absent=_NO_GCC),
@@ -125,7 +124,7 @@ _COMPILATION: Final = BenchPart(
     explanation="CPU time in a new process with an empty cache folder, for the program of the machine, its export for "
     "an FX2N, and the same export with one more contact in a rung.",
     repetitions=3,
-    measure=lazily(f"{_PACKAGE}.fx_engine:measure_compilation"),
+    measure=lazily("plant_sim.benchmark.fx_engine:measure_compilation"),
     figures={
         "program": BenchFigure("program of the machine", "s CPU", at_most=5),
         "export": BenchFigure("FX export", "s CPU", at_most=5),
@@ -138,7 +137,7 @@ _ROWS: Final = BenchPart(
     explanation="`plant_sim line NAME --metres 1000` without the start of the process: one row of cabbage blocks whose "
     "falls are drawn from the packaged table, and two rows filled by the twin.",
     repetitions=3,
-    measure=lazily(f"{_PACKAGE}.rows:measure_rows"),
+    measure=lazily("plant_sim.benchmark.rows:measure_rows"),
     figures={name: BenchFigure(name, "s CPU", at_most=60) for name in ("cabbage", "pepper", "combined")},
 )
 

@@ -6,7 +6,6 @@ from typing import Final
 
 from plant_sim.benchmark.part import BenchFigure, BenchPart, lazily
 
-_PACKAGE: Final = "plant_sim.benchmark"
 _NO_CALM_SECOND: Final = "there was no second without steal time"
 
 
@@ -31,7 +30,7 @@ _LATENESS: Final = BenchPart(
     "seconds* are those in which the host of the virtual machine took no processor time. A *bare loop* is Python code "
     "that only waits for deadlines 10 ms apart: it measures the computer, alone and then beside the scans.",
     repetitions=3,
-    measure=lazily(f"{_PACKAGE}.hmi:measure_punctuality"),
+    measure=lazily("plant_sim.benchmark.hmi:measure_punctuality"),
     figures={
         **_late("bare", "bare loop alone"),
         **_late("quiet", "scans without clients"),
@@ -50,7 +49,7 @@ _MODBUS: Final = BenchPart(
     explanation="Reads per second, each of 64 registers, measured alternately with the pymodbus server over a plain "
     "datastore. With one connection, both servers mostly wait to be woken by the kernel.",
     repetitions=3,
-    measure=lazily(f"{_PACKAGE}.hmi:measure_rates"),
+    measure=lazily("plant_sim.benchmark.hmi:measure_rates"),
     figures={
         "one": BenchFigure("one connection", "1/s"),
         "one_reference": BenchFigure("one connection, pymodbus", "1/s"),
@@ -66,7 +65,7 @@ _MALFORMED: Final = BenchPart(
     explanation="The server receives 20,000 mutated frames and 10,000 connections, half of which are reset, and must "
     "then answer a valid request. Every complete frame must be answered.",
     repetitions=3,
-    measure=lazily(f"{_PACKAGE}.hmi:measure_malformed"),
+    measure=lazily("plant_sim.benchmark.hmi:measure_malformed"),
     figures={
         "answered": BenchFigure("frames answered"),
         "memory_before": BenchFigure("memory of the controller before", "MB"),
@@ -84,7 +83,7 @@ def _reaction(name: str, link: str, *, late_goal: float | None, **options: int) 
         "controller runs the complete program without input filter, and two lamps follow the cup counters. A bare loop "
         "of the same period runs beside it. A *missed* edge has no answer; there may be one after the last scan.",
         repetitions=3,
-        measure=lazily(f"{_PACKAGE}.reaction:measure_reaction", **options),
+        measure=lazily("plant_sim.benchmark.reaction:measure_reaction", **options),
         figures={
             "median": BenchFigure("median", "ms"),
             "median_scans": BenchFigure("median in scans", at_most=2),
@@ -123,7 +122,7 @@ _BUSY_HOST: Final = BenchPart(
     "processor, for 60 s each: with normal and with real-time priority (of both processes), and without and with four "
     "Modbus clients of the controller. The real-time priority must be permitted ([industrial PC](industrial-pc.md)).",
     repetitions=1,
-    measure=lazily(f"{_PACKAGE}.busy_host:measure_busy_host"),
+    measure=lazily("plant_sim.benchmark.busy_host:measure_busy_host"),
     figures={
         **_busy("normal_alone", "normal priority"),
         **_busy("real_time_alone", "real-time priority"),
