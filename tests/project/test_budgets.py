@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.paths import ROOT
+from tests.suite import leaves
 from tests.suite.budgets import BUDGETS, OTHERS_LIMIT, Usage, budgets, folder_of, reference_loop_s
 
 USAGE = Usage({"tests/project": 3.0, "tests/controller/fx": 1.0}, reference_s=0.02 / 3, others=0.0)
@@ -65,9 +66,23 @@ def test_in_a_child():
 
 @pytest.mark.parametrize("workers", ["0", "1"])
 def test_a_run_prints_the_processor_time_of_tests_and_their_processes(workers: str, tmp_path: Path) -> None:
+    times = tmp_path / "times"
     (tmp_path / "test_burning.py").write_text(BURNING, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "tests.suite.budgets", "-n", workers, "--rootdir", tmp_path, tmp_path],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-p",
+            "tests.suite.budgets",
+            "--test-times",
+            times,
+            "-n",
+            workers,
+            "--rootdir",
+            tmp_path,
+            tmp_path,
+        ],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -79,6 +94,8 @@ def test_a_run_prints_the_processor_time_of_tests_and_their_processes(workers: s
     others = re.search(r"other processes took (\d+)%", done.stdout)
     assert others is not None
     assert 0 <= int(others[1]) <= 100
+    times_s = leaves.read_durations([times])
+    assert sum(times_s.values()) == pytest.approx(float(total[1]), abs=0.06)
 
 
 @pytest.mark.parametrize(("others", "code"), [(OTHERS_LIMIT / 2, 1), (OTHERS_LIMIT * 2, 0)])

@@ -220,8 +220,8 @@ def test_every_module_of_the_project_is_executed_by_a_test() -> None:
 
 def test_leaf_packages_are_those_whose_selected_tests_take_a_minute(tmp_path: Path, graph: Dependencies) -> None:
     path = tmp_path / "durations"
-    tests = {"tests/test_run.py::test_run": (10, 90, 40), "tests/test_tree.py::test_tree[x]": (4, 0, 4)}
-    path.write_text("".join(f"{json.dumps([test, *times])}\n" for test, times in tests.items()), encoding="utf-8")
+    tests = {"tests/test_run.py::test_run": 100, "tests/test_tree.py::test_tree[x]": 4}
+    path.write_text("".join(f"{json.dumps([test, used_s])}\n" for test, used_s in tests.items()), encoding="utf-8")
     durations_s = leaves.read_durations([path, path])
     assert durations_s == {"tests/test_run.py": 200, "tests/test_tree.py": 8}
     found = {each.name: (each.files, each.duration_s) for each in leaves.packages(graph, durations_s)}

@@ -6,6 +6,7 @@ measured in the same run, between the tests. A quotient of 1 is as long as `REFE
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections import Counter
@@ -152,10 +153,13 @@ class Accountant:
 
     Args:
         enforced: True if a folder over its budget fails the run.
+        times: File to which the processor time of each test is written as JSON lines, or None.
     """
 
-    def __init__(self, *, enforced: bool) -> None:
+    def __init__(self, *, enforced: bool, times: Path | None = None) -> None:
         self._enforced = enforced
+        self._times = times
+        self._tests_s: list[tuple[str, float]] = []
         self._folders_s: Counter[str] = Counter()
         self._loops_s: list[float] = []
         self._workers_s = 0.0
@@ -169,6 +173,7 @@ class Accountant:
         if report.when == "teardown" and PROPERTY in measured:
             used_s, loop_s = measured[PROPERTY]
             self._folders_s[folder_of(report.nodeid)] += used_s
+            self._tests_s.append((report.nodeid, round(used_s, 3)))
             self._loops_s += [] if loop_s is None else [loop_s]
 
     @pytest.hookimpl(optionalhook=True)
@@ -177,6 +182,8 @@ class Accountant:
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         self._usage = self._measured()
+        if self._times is not None:
+            self._times.write_text("".join(f"{json.dumps(each)}\n" for each in self._tests_s), encoding="utf-8")
         if self._enforced and self._usage.others < OTHERS_LIMIT:
             self._exceeded = self._usage.exceeded(budgets())
             if self._exceeded and session.exitstatus == pytest.ExitCode.OK:
@@ -200,8 +207,11 @@ class Accountant:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option with which a folder over its budget fails the run."""
+    """Add the options with which a folder over its budget fails the run, and with which the times are written."""
     parser.addoption("--enforce-budgets", action="store_true", help="fail if a folder exceeds its budget")
+    parser.addoption(
+        "--test-times", type=Path, metavar="FILE", help="write the processor time of each test as JSON lines"
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -209,4 +219,5 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput") or not getattr(config.option, "numprocesses", None):
         config.pluginmanager.register(Meter())
     if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Accountant(enforced=config.getoption("enforce_budgets")))
+        times = config.getoption("test_times")
+        config.pluginmanager.register(Accountant(enforced=config.getoption("enforce_budgets"), times=times))

@@ -1,7 +1,7 @@
 """Leaf packages: those whose change selects tests of at most a minute.
 
-``python -m tests.suite.leaves FILE...`` prints them as a table. Each file contains JSON lines with test, own processor
-time, processor time of its child processes, and duration, each in s.
+``python -m tests.suite.leaves FILE...`` prints them as a table. Each file contains JSON lines with a test and its
+processor time in s, as written by ``scripts/test --test-times FILE``.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Package:
 
 
 def read_durations(paths: Iterable[Path]) -> dict[str, float]:
-    """Return the processor time of each test file, including child processes, s.
+    """Return the processor time of each test file, s.
 
     Raises:
         ValueError: A file cannot be read, or a line is not a measurement.
@@ -53,8 +53,8 @@ def read_durations(paths: Iterable[Path]) -> dict[str, float]:
             raise ValueError(f"{path}: {error.strerror}; give a file of measurements") from error
         for number, line in enumerate(lines, start=1):
             try:
-                test, own_s, children_s = json.loads(line)[:3]
-                durations_s[test.partition("::")[0]] += own_s + children_s
+                test, used_s = json.loads(line)
+                durations_s[test.partition("::")[0]] += used_s
             except (ValueError, TypeError, AttributeError) as error:
                 raise ValueError(f"{path}: line {number}: not a measurement of a test; delete the line") from error
     return durations_s

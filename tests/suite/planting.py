@@ -106,7 +106,7 @@ class SourceCopy:
         variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
         variables |= {"PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self._machine_code)}
         variables.pop("PYTHONDONTWRITEBYTECODE", None)
-        options = ("-x", "-m", "not nightly", "-p", "no:cacheprovider", "--tb=short", "--timeout=200")
+        options = ("-x", "-p", "no:cacheprovider", "--tb=short", "--timeout=200")
         code: int | None = None
         before, start_s = _cpu_s(), perf_counter()
         with TemporaryFile() as output:
