@@ -1,4 +1,6 @@
-"""Test set-up: compilation of the plant and the program, and choice of the arm for tests that exist for both arms."""
+"""Test set-up: compilation of the plant and the program, choice of the arm for tests that exist for both arms, and the
+comparison of the mark `real_time` with the processes of each test.
+"""
 
 import gc
 from pathlib import Path
@@ -11,6 +13,7 @@ from hypothesis import settings
 from controller.program.tags import SIDES
 from plant_sim.twin.lock_step import Twin
 from tests.paths import ROOT
+from tests.real_time import ProcessWatch
 from tests.sampling import NIGHTLY
 
 GC_ALLOCATIONS: Final = 50_000
@@ -30,11 +33,14 @@ SAMPLED: Final = tuple(
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the plant and the program, or load their cached machine code, in the process that starts the workers.
 
+    Each worker compares the processes of its tests with their marks.
+
     The number of Hypothesis examples depends on whether nightly tests are selected.
     """
     gc.set_threshold(GC_ALLOCATIONS)
     if NIGHTLY in config.option.markexpr and f"not {NIGHTLY}" not in config.option.markexpr:
         settings.load_profile(NIGHTLY)
+    config.pluginmanager.register(ProcessWatch())
     if not hasattr(config, "workerinput"):
         assert Twin().plant.x
 

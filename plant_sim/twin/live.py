@@ -29,7 +29,8 @@ from plant_sim.twin.report import TrialReport, make_report
 from plant_sim.twin.trial import ROWS_A_TRAY
 
 POLL_S = 0.2
-START_LIMIT_S = 30.0
+START_LIMIT_S = 60.0
+"""Limit of the start of a process, s: the end of a hang; a busy computer needs several times 3 s."""
 HOMING_LIMIT_S = 60.0
 TRAY_LIMIT_S = 600.0
 LOCK_STEP_TIMEOUT_MS = 5_000

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
-STOP_S = 10.0
+STOP_S = 30.0
+"""Limit of the stop of a process, s: the end of a hang; a busy computer may need several seconds."""
 
 
 class LiveError(Exception):

@@ -33,6 +33,7 @@ from plant_sim.cli.main import COMMAND_LINE as PLANT
 from plant_sim.cli.main import main as plant_main
 from plant_sim.common.paper_items import PaperName, paper_items
 from tests.paths import DOCS, ROOT
+from tests.real_time import LIVE_RUN_OPTION, LOCK_STEP, SIMULATED, judge_live_run
 
 PAGES: Final = {
     page.relative_to(ROOT).as_posix(): page
@@ -225,7 +226,7 @@ def served(arguments: list[str], folder: Path, ready: str) -> Iterator[subproces
 
 
 def serve(commands: list[str], folder: Path) -> None:
-    """Start server commands with free ports and stop them; a controller without a plant gets one."""
+    """Start servers with free ports in simulated time, and stop them; a controller without a plant gets one."""
     port = ""
     with ExitStack() as stack:
         for arguments in map(shlex.split, commands):
@@ -236,11 +237,10 @@ def serve(commands: list[str], folder: Path) -> None:
             if "plant_sim" in arguments or not port:
                 port = str(free_port())
                 plant = arguments if "plant_sim" in arguments else [sys.executable, "-m", "plant_sim", "serve"]
-                stack.enter_context(served([*plant, "--port", port], folder, "plant listening on"))
+                stack.enter_context(served([*plant, "--port", port, *LOCK_STEP], folder, "plant listening on"))
             if "plant_sim" not in arguments:
-                patient = ["--timeout-ms", "5000", "--link-limit-ms", "10000"]
                 stack.enter_context(
-                    served([*arguments, "--port", port, *patient, "--hmi-port", "0"], folder, "Stopped")
+                    served([*arguments, "--port", port, *SIMULATED, "--hmi-port", "0"], folder, "Stopped")
                 )
 
 
@@ -291,6 +291,9 @@ def check(name: str, commands: list[str], folder: Path, capsys: pytest.CaptureFi
             continue
         for command in group:
             code, output, errors = run(command, folder, capsys)
+            if LIVE_RUN_OPTION in command:
+                judge_live_run(code, output, errors)
+                continue
             expected = next((code for part, code in EXPECTED_CODES.items() if part in command), 0)
             assert code == expected, f"{name}: {command}: {code}\n{errors}"
             assert "Traceback" not in errors
@@ -306,7 +309,13 @@ def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.Capt
 
 @pytest.mark.nightly
 @pytest.mark.timeout(3_600)
-@pytest.mark.parametrize("name", COMPLETE)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.real_time if LIVE_RUN_OPTION in " ".join(found) else ())
+        for name, found in COMPLETE.items()
+    ],
+)
 def test_all_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(name, COMPLETE[name], folder, capsys)
 

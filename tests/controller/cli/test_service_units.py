@@ -23,11 +23,11 @@ from plant_sim.cli.main import COMMAND_LINE as PLANT
 from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
 from tests.paths import DOCS
+from tests.real_time import LOCK_STEP, SIMULATED, WAIT_S
 
 FOLDER = DOCS / "examples" / "systemd"
 UNITS = sorted(path.name for path in FOLDER.glob("*.service"))
 LINES = {"transplanter-controller": CONTROLLER, "transplanter-plant": PLANT}
-LIMIT_S = 60.0
 PREFIX = "/opt/transplanter"
 
 
@@ -36,7 +36,7 @@ def manager(tmp_path: Path) -> Any:
     """Return the socket of a service manager."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(str(tmp_path / "notify"))
-        receiver.settimeout(LIMIT_S)
+        receiver.settimeout(WAIT_S)
         yield receiver
 
 
@@ -47,14 +47,14 @@ def test_the_manager_is_told_when_the_field_responds_and_that_scans_go_on(
         port = str(reserved.getsockname()[1])
     monkeypatch.setenv("NOTIFY_SOCKET", manager.getsockname())
     arguments = ["--port", port, "--retain", str(tmp_path / "r.json"), "--hmi-port", "0", "--no-console"]
-    with Process("controller", ["controller", "run", *arguments]) as controller:
-        assert controller.next_line(LIMIT_S)  # serves its panels while the field does not respond
+    with Process("controller", ["controller", "run", *arguments, *SIMULATED]) as controller:
+        assert controller.next_line(WAIT_S)  # serves its panels while the field does not respond
         manager.setblocking(False)
         with pytest.raises(BlockingIOError):
             manager.recv(100)
-        manager.settimeout(LIMIT_S)
-        with Process("plant", ["plant_sim", "serve", "--port", port]) as plant:
-            assert plant.next_line(LIMIT_S)
+        manager.settimeout(WAIT_S)
+        with Process("plant", ["plant_sim", "serve", "--port", port, *LOCK_STEP]) as plant:
+            assert plant.next_line(WAIT_S)
             assert [manager.recv(100).decode() for _ in range(4)] == [READY, ALIVE, ALIVE, ALIVE]
             assert controller.stop() == 0
         while (message := manager.recv(100).decode()) == ALIVE:
@@ -73,7 +73,7 @@ def test_messages_are_limited_to_one_per_interval(manager: socket.socket) -> Non
 def test_an_abstract_socket_is_reached() -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(f"\0transplanter-test-{os.getpid()}")
-        receiver.settimeout(LIMIT_S)
+        receiver.settimeout(WAIT_S)
         told = ServiceManager({"NOTIFY_SOCKET": f"@transplanter-test-{os.getpid()}"})
         told.send(READY)
         assert receiver.recv(100).decode() == READY
@@ -90,10 +90,9 @@ def test_a_manager_that_has_gone_does_not_disturb_the_scan(tmp_path: Path) -> No
 def test_a_restarted_controller_waits_in_stopped_with_its_outputs_safe(tmp_path: Path) -> None:
     """As after a restart by systemd: the controller is killed while an arm moves, and started with the same memory."""
     options = ["--retain", str(tmp_path / "r.json"), "--no-hmi", "--no-console", "--events", "json"]
-    lock_step = ["--simulated-time", "--pace", "65535", "--timeout-ms", "5000"]
-    with Process("plant", ["plant_sim", "serve", "--port", "0", "--lock-step-ms", "10"]) as plant:
-        port = (plant.next_line(LIMIT_S) or "").rpartition(":")[2]
-        command = ["controller", "run", "--port", port, *options, *lock_step]
+    with Process("plant", ["plant_sim", "serve", "--port", "0", *LOCK_STEP]) as plant:
+        port = (plant.next_line(WAIT_S) or "").rpartition(":")[2]
+        command = ["controller", "run", "--port", port, *options, *SIMULATED, "--pace", "65535"]
         with Operator("127.0.0.1", int(port)) as operator:
             with Process("controller", command) as controller:
                 wait_for(controller, State.STOPPED)
@@ -113,7 +112,7 @@ def wait_for(controller: Process, state: State) -> list[int]:
     """Read the events until a state, and return the states on the way."""
     states: list[int] = []
     while state not in states:
-        event = json.loads(controller.next_line(LIMIT_S) or "{}")
+        event = json.loads(controller.next_line(WAIT_S) or "{}")
         assert event, "the controller has ended"
         if event["event"] == "state":
             states.append(event["state"])

@@ -27,8 +27,10 @@ LIMIT_S = 90.0
 LOCK_STEP_MS = 100
 WATCHDOG_MS = 500
 BY_ADDRESS = {point.address: point for point in (*IO_MAP.inputs, *IO_MAP.outputs)}
+HOLD_MS = 3_000
+"""Plant time with an output on after which the person releases the key if nothing is reported, ms."""
 HOLD_S = 0.6
-"""Time for which the person holds the key if nothing is reported, s."""
+"""Time for which the person holds the key at devices without a plant, s."""
 REPEAT_S = 0.03
 """Period of the key repetition of the terminal, s."""
 
@@ -66,12 +68,19 @@ def changed(by_tag: Mapping[str, Mapping[str, object]]) -> IoMap:
 
 
 class WiredPlant:
-    """Plant behind a Modbus server; its sensors can be operated by hand."""
+    """Plant behind a Modbus server; its sensors can be operated by hand.
+
+    Attributes:
+        on_ms: Plant time with an output on, ms.
+    """
 
     def __init__(self, thread: ServerThread, plant: Plant, module: IoModule) -> None:
         self.thread = thread
         self.plant = plant
         self.module = module
+        self.on_ms = 0
+        self._counted_ms = 0
+        module.observers.append(self._count)
 
     @property
     def port(self) -> int:
@@ -88,6 +97,11 @@ class WiredPlant:
 
         self.thread.call(act)
 
+    def _count(self) -> None:
+        if any(self.module.outputs):
+            self.on_ms += self.plant.time_ms - self._counted_ms
+        self._counted_ms = self.plant.time_ms
+
     def outputs(self) -> list[bool]:
         return self.thread.call(lambda: self.module.outputs)
 
@@ -98,11 +112,12 @@ def wired_plant(
     prepare: Callable[[Plant], None] = lambda _: None,
     *,
     lock_step_ms: int | None = LOCK_STEP_MS,
+    watchdog_ms: int = WATCHDOG_MS,
 ) -> Iterator[WiredPlant]:
-    """Serve a plant with the wires of `io_map` in lock step with the writes of the outputs."""
+    """Serve a plant with the wires of `io_map`, by default in lock step with the writes of the outputs."""
     plant = Plant(io_map, load_machine(), seed=1, trays=0)
     prepare(plant)
-    module = IoModule(plant, io_map, watchdog_ms=WATCHDOG_MS)
+    module = IoModule(plant, io_map, watchdog_ms=watchdog_ms)
     server = PlantServer(module, port=0, lock_step_ms=lock_step_ms)
     with ServerThread(server) as thread:
         yield WiredPlant(thread, plant, module)
@@ -173,13 +188,14 @@ class Person:
     def press(self, keys: str) -> None:
         os.write(self.terminal, keys.encode())
 
-    def next_line(self, *, hold: str = "", within_s: float = LIMIT_S) -> str | None:
-        """Return the next line, or None at the end or after a time; a key is held meanwhile."""
+    def next_line(
+        self, *, hold: str = "", within_s: float = LIMIT_S, ends: Callable[[], bool] = lambda: False
+    ) -> str | None:
+        """Return the next line, or None at the end, after a time or on a condition; a key is held meanwhile."""
         until_s = time.perf_counter() + within_s
         while b"\n" not in self._received:
-            if time.perf_counter() > until_s:
-                return None
-            if hold:
+            is_end = time.perf_counter() > until_s or ends()
+            if hold and not is_end:
                 self.press(hold)
             ready, _, _ = select.select([self.terminal], [], [], REPEAT_S)
             if ready:
@@ -187,6 +203,8 @@ class Person:
                     self._received += os.read(self.terminal, 4_096)
                 except OSError:  # the process has ended
                     return None
+            elif is_end:
+                return None
         line, _, self._received = self._received.partition(b"\n")
         self.said.append(line.decode().strip())
         return self.said[-1]
@@ -219,7 +237,7 @@ class Person:
             self._operate(point.tag, "NOT" not in line)
             self.press("\n")
         elif "hold SPACE" in line:
-            following = self.next_line(hold=" ", within_s=HOLD_S)
+            following = self._hold()
             if following is None:
                 self.press("\n")
             else:
@@ -229,6 +247,13 @@ class Person:
         else:
             keys = next((keys for part, keys in usual.items() if part in line), "")
             self.press(keys) if keys else self._release()
+
+    def _hold(self) -> str | None:
+        """Hold the key; return the line that the command prints, or None if nothing has moved for long enough."""
+        if self.plant is None:
+            return self.next_line(hold=" ", within_s=HOLD_S)
+        plant, before_ms = self.plant, self.plant.on_ms
+        return self.next_line(hold=" ", ends=lambda: plant.on_ms - before_ms >= HOLD_MS)
 
     def _operate(self, tag: str, state: bool) -> None:
         if tag not in self._dead:

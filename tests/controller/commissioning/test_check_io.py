@@ -21,12 +21,14 @@ from tests.controller.commissioning.commissioning_rig import (
     IO_MAP,
     LIMIT_S,
     REPEAT_S,
+    WATCHDOG_MS,
     Person,
     WiredPlant,
     inverted,
     swapped,
     wired_plant,
 )
+from tests.real_time import host_delay
 
 
 def only(*tags: str) -> list[str]:
@@ -239,10 +241,7 @@ def is_on(plant: WiredPlant) -> bool:
 
 
 def test_an_output_is_on_only_while_the_key_is_held(tmp_path: Path) -> None:
-    with (
-        wired_plant(lock_step_ms=None) as plant,
-        Person(plant, tmp_path, *only(HELD)) as person,
-    ):
+    with wired_plant() as plant, Person(plant, tmp_path, *only(HELD)) as person:
         ever: list[list[bool]] = []
         plant.thread.call(lambda: plant.module.observers.append(lambda: ever.append(plant.module.outputs)))
         person.until("hold SPACE")
@@ -261,9 +260,10 @@ def test_an_output_is_on_only_while_the_key_is_held(tmp_path: Path) -> None:
         assert not plant.module.tripped
 
 
-@pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "SIGQUIT", "closed terminal", "SIGKILL"])
-def test_no_output_stays_on_at_any_end(end: str, tmp_path: Path) -> None:
-    with wired_plant(lock_step_ms=None) as plant, Person(plant, tmp_path, *only(HELD)) as person:
+@pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "SIGQUIT", "closed terminal"])
+def test_the_command_leaves_no_output_on_at_any_end(end: str, tmp_path: Path) -> None:
+    """In lock step, no plant time passes after the last write: the watchdog of the module cannot trip."""
+    with wired_plant() as plant, Person(plant, tmp_path, *only(HELD)) as person:
         person.until("hold SPACE")
         with Repeater(person):
             wait_until(lambda: is_on(plant))
@@ -273,19 +273,30 @@ def test_no_output_stays_on_at_any_end(end: str, tmp_path: Path) -> None:
             else:
                 person.process.send_signal(signal.Signals[end])
             wait_until(lambda: not is_on(plant))
-        person.process.wait(LIMIT_S)
-        reports = [*tmp_path.glob("*.md")]
-        if end == "SIGKILL":
-            assert plant.module.tripped, "the watchdog of the module has switched the output off"
-            assert not reports
-        else:
-            assert not plant.module.tripped, "the command has switched the output off"
-            assert person.process.returncode == 1
-            assert "End of the check: request to stop, or terminal lost" in reports[0].read_text(encoding="utf-8")
+        assert person.process.wait(LIMIT_S) == 1
+        assert not plant.module.tripped
+        (report,) = tmp_path.glob("*.md")
+        assert "End of the check: request to stop, or terminal lost" in report.read_text(encoding="utf-8")
+
+
+def test_the_watchdog_of_the_module_leaves_no_output_on_after_a_kill(tmp_path: Path) -> None:
+    watchdog_ms = host_delay().relative_ms(WATCHDOG_MS)
+    with (
+        wired_plant(lock_step_ms=None, watchdog_ms=watchdog_ms) as plant,
+        Person(plant, tmp_path, *only(HELD)) as person,
+    ):
+        person.until("hold SPACE")
+        with Repeater(person):
+            wait_until(lambda: is_on(plant))
+            person.process.kill()
+            wait_until(lambda: not is_on(plant))
+    assert plant.module.tripped
+    assert plant.module.tripped_at_ms == (plant.module.last_write_ms or 0) + watchdog_ms + 1
+    assert not [*tmp_path.glob("*.md")]
 
 
 def test_a_lost_field_ends_the_check_with_a_report(tmp_path: Path) -> None:
-    with wired_plant(lock_step_ms=None) as plant, Person(plant, tmp_path, *only(HELD, "Y16")) as person:
+    with wired_plant() as plant, Person(plant, tmp_path, *only(HELD, "Y16")) as person:
         person.until("hold SPACE")
         with Repeater(person):
             wait_until(lambda: is_on(plant))
@@ -296,7 +307,7 @@ def test_a_lost_field_ends_the_check_with_a_report(tmp_path: Path) -> None:
 
 
 def test_the_emergency_stop_ends_a_motion(tmp_path: Path) -> None:
-    with wired_plant(lock_step_ms=None) as plant, Person(plant, tmp_path, *only(HELD)) as person:
+    with wired_plant() as plant, Person(plant, tmp_path, *only(HELD)) as person:
         person.until("hold SPACE")
         with Repeater(person):
             wait_until(lambda: is_on(plant))

@@ -25,8 +25,8 @@ from controller.common.real_time import (
     trial_lateness_us,
 )
 from plant_sim.twin.process import Process
+from tests.real_time import WAIT_S
 
-LIMIT_S = 60.0
 PRIORITY = 33
 SCHED_OTHER, SCHED_FIFO = 0, 1
 
@@ -48,9 +48,10 @@ def without(capabilities: Sequence[str], *command: str) -> subprocess.CompletedP
     removed = ["setpriv", "--bounding-set", dropped, "--inh-caps", dropped] if os.geteuid() == 0 else []
     limits = ["prlimit", "--memlock=65536:65536", *(["--rtprio=0:0"] if "sys_nice" in capabilities else [])]
     arguments = [*limits, *removed, sys.executable, "-m", *command]
-    return subprocess.run(arguments, check=False, capture_output=True, text=True, timeout=LIMIT_S)
+    return subprocess.run(arguments, check=False, capture_output=True, text=True, timeout=WAIT_S)
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("command", [("controller", "run"), ("plant_sim", "serve", "--port", "0")], ids=" ".join)
 def test_a_refused_priority_is_one_line_with_the_remedy_and_nothing_is_started(
     command: tuple[str, ...], tmp_path: Path
@@ -64,6 +65,7 @@ def test_a_refused_priority_is_one_line_with_the_remedy_and_nothing_is_started(
     assert not retain.exists()
 
 
+@pytest.mark.real_time
 def test_memory_that_cannot_be_locked_is_refused_although_the_priority_is_permitted() -> None:
     done = without(["ipc_lock"], "controller", "run", "--real-time-priority", str(PRIORITY))
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
@@ -87,14 +89,15 @@ def locked_kib(process_id: int) -> int:
     return int(next(line for line in status.splitlines() if line.startswith("VmLck:")).split()[1])
 
 
+@pytest.mark.real_time
 def test_only_the_thread_of_the_scan_has_the_priority_and_the_processor(tmp_path: Path) -> None:
     cpu = max(os.sched_getaffinity(0))
     real = ["--real-time-priority", str(PRIORITY), "--real-time-cpu", str(cpu)]
     with Process("plant", ["plant_sim", "serve", "--port", "0"]) as plant:
-        port = (plant.next_line(LIMIT_S) or "").rpartition(":")[2]
+        port = (plant.next_line(WAIT_S) or "").rpartition(":")[2]
         arguments = ["controller", "run", "--port", port, "--retain", str(tmp_path / "r.json"), "--hmi-port", "0"]
         with Process("controller", [*arguments, "--no-console", "--events", "json", *real]) as controller:
-            lines = [controller.next_line(LIMIT_S), controller.next_line(LIMIT_S)]
+            lines = [controller.next_line(WAIT_S), controller.next_line(WAIT_S)]
             if not is_permitted():
                 assert lines[0] is None
                 return

@@ -7,15 +7,18 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import cast
 
 import pytest
 
 from controller.hmi.modbus.fx3u_map import register_address
 from controller.io.loop import BOUNDS_US, Histogram
-from plant_sim.benchmark import hmi_load
+from controller.program.states import State
+from plant_sim.benchmark import hmi, hmi_load
 from plant_sim.benchmark.hmi import measure_malformed, measure_punctuality
 from plant_sim.benchmark.punctuality import Punctuality
-from plant_sim.twin.process import LiveError
+from plant_sim.twin.operator import Operator
+from plant_sim.twin.process import LiveError, Process
 from tests.controller.hmi.hmi_rig import HmiRig, read_long
 
 
@@ -113,7 +116,68 @@ def test_an_exception_response_does_not_count_as_a_reading() -> None:
         hmi_load.read_registers(connection, register_address("R", 0) - 1, 1)
 
 
+class Reporter:
+    """Controller that has reported some states and alarms."""
+
+    name = "controller"
+
+    def __init__(self, *reported: State | int) -> None:
+        self._lines = iter(
+            {"event": "state", "state": each, "text": each.name, "reason": ""}
+            if isinstance(each, State)
+            else {"event": "alarm", "number": each, "active": True}
+            for each in reported
+        )
+
+    def next_line(self, within_s: float) -> str:
+        return json.dumps(next(self._lines))
+
+
+class Buttons:
+    """Operator who notes what is done: `start`, and `stop` held and released."""
+
+    def __init__(self) -> None:
+        self.done: list[str] = []
+
+    def press(self, button: str) -> None:
+        self.done.append(button)
+
+    def hold(self, button: str, *, pressed: bool) -> None:
+        self.done.append(f"{button} {'held' if pressed else 'released'}")
+
+
+def put_to_work(*reported: State | int) -> list[str]:
+    buttons = Buttons()
+    hmi.put_to_work(cast("Process", Reporter(*reported)), cast("Operator", buttons))
+    return buttons.done
+
+
+def test_an_abort_because_of_a_late_scan_is_cleared_before_the_measurement() -> None:
+    started = ["start", "stop released", "start"]
+    assert put_to_work(State.RESETTING, State.IDLE, State.EXECUTE) == started
+    aborted = (902, State.ABORTING, State.ABORTED, State.CLEARING, State.STOPPED)
+    done = put_to_work(State.RESETTING, *aborted, State.RESETTING, State.IDLE, State.EXECUTE)
+    assert done == ["start", "stop held", "stop released", "start", "stop released", "start"]
+
+
+@pytest.mark.parametrize(
+    "reported",
+    [
+        (State.ABORTED,),
+        (905, State.ABORTED),
+        (901, State.ABORTED, State.STOPPED, State.ABORTED),
+        (901, State.HELD),
+        (902, State.ABORTED, 902, State.STOPPED) * hmi.ABORTS + (902, State.ABORTED),
+    ],
+    ids=["no alarm", "other alarm", "earlier alarm", "held", "too often"],
+)
+def test_another_abort_ends_the_measurement(reported: tuple[State | int, ...]) -> None:
+    with pytest.raises(LiveError, match=r"^EXECUTE not reached: (ABORTED|HELD)$"):
+        put_to_work(*reported)
+
+
 @pytest.mark.nightly
+@pytest.mark.real_time
 @pytest.mark.timeout(300)
 def test_clients_and_browsers_are_served_by_real_processes() -> None:
     """After a short run, clients have received answers, and browsers have received events."""
@@ -123,6 +187,7 @@ def test_clients_and_browsers_are_served_by_real_processes() -> None:
 
 
 @pytest.mark.nightly
+@pytest.mark.real_time
 @pytest.mark.timeout(300)
 def test_malformed_frames_are_sent_to_a_real_process() -> None:
     figures = measure_malformed(1, frames=500, connections=200)

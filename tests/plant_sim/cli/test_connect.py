@@ -1,4 +1,7 @@
-"""Command `connect`, and the serial line of `serve`, as processes."""
+"""Command `connect`, and the serial line of `serve`, as processes.
+
+The plant at a PLC is in real time: the cycle of the PLC sets the time, and the timing is reported.
+"""
 
 from __future__ import annotations
 
@@ -54,6 +57,7 @@ def port_of(process: subprocess.Popen[str]) -> int:
     return int(process.stdout.readline().rpartition(":")[2])
 
 
+@pytest.mark.real_time
 def test_connect_exchanges_with_a_plc_and_reports_the_timing() -> None:
     outputs = [number == 5 for number in range(18)]
     with modbus_plc(profile_of("fx5u"), lambda _: outputs) as port:
@@ -70,6 +74,7 @@ def test_connect_exchanges_with_a_plc_and_reports_the_timing() -> None:
     assert any(line.startswith(f"outputs from PLC 127.0.0.1:{port}: ") and "jitter" in line for line in lines)
 
 
+@pytest.mark.real_time
 def test_connect_over_a_serial_line_without_a_plc_says_so_and_goes_on() -> None:
     with SerialCable() as cable, plant("connect", "fx3u", "--serial", f"{cable.ends[0]}:115200:8N1:2") as process:
         assert process.stderr is not None

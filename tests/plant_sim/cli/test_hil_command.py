@@ -60,7 +60,10 @@ def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_run_writes_reports_that_state_it(tmp_path: Path) -> None:
-    bench = _start("plant_sim", "hil", "serve", "--port", "0", "--no-reference", "--out", "reports", folder=tmp_path)
+    bench = _start(
+        *("plant_sim", "hil", "serve", "--port", "0", "--lock-step-ms", "10", "--no-reference", "--out", "reports"),
+        folder=tmp_path,
+    )
     try:
         assert bench.stdout is not None
         assert "plant listening on" in bench.stdout.readline()

@@ -17,6 +17,7 @@ import pytest
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.benchmark.serial_cable import SerialCable
 from tests.paths import ROOT
+from tests.real_time import host_delay
 
 LIMIT_S = 1_800
 ONE_STOP = ("--cases", "emergency stop", "--only", "left: lift_retract, loaded")
@@ -78,8 +79,15 @@ def test_the_controller_over_a_serial_line(tmp_path: Path) -> None:
     assert verdicts(tmp_path) == {"tests": 6, "failures": 0, "skipped": 0}
 
 
+@pytest.mark.real_time
 def test_the_exported_program_over_the_mc_protocol(tmp_path: Path) -> None:
-    """The exported FX program as a PLC with an MC server; the plant is its client, in real time."""
+    """The exported FX program as a PLC with an MC server; the plant is its client, in real time.
+
+    The limits are relative to the delay of the computer, because the bench judges the reaction of the PLC as well.
+    """
+    delay = host_delay()
+    limits = {"--watchdog-ms": 500, "--timeout-ms": 1_000, "--stop-ms": 300}
+    relative = [word for name, limit_ms in limits.items() for word in (name, str(delay.relative_ms(limit_ms)))]
     export = [sys.executable, "-m", "controller", "ladder", "export", "--target", "fx2n", "--out", "package"]
     subprocess.run(export, check=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True)
     text = (tmp_path / "package" / "transplanter.il").read_text("utf-8")
@@ -98,7 +106,7 @@ def test_the_exported_program_over_the_mc_protocol(tmp_path: Path) -> None:
             running(
                 tmp_path,
                 *("plant_sim", "hil", "connect", "fx5u-slmp", "--host", "127.0.0.1", "--port", port),
-                *("--listen-port", "0", "--watchdog-ms", "500", "--timeout-ms", "1000", "--stop-ms", "300"),
+                *("--listen-port", "0", *relative),
                 *("--out", "reports", *ONE_STOP),
             )
         )

@@ -1,4 +1,4 @@
-"""Plant and controller as processes on loopback."""
+"""Plant and controller as processes on loopback, in simulated time."""
 
 from __future__ import annotations
 
@@ -8,33 +8,49 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from controller.program.states import State
+from plant_sim.links.io_module import IoModule
+from plant_sim.links.modbus_server import PlantServer
+from plant_sim.links.server_thread import ServerThread
+from plant_sim.machine.plant import Plant
+from plant_sim.twin.lock_step import SCAN_MS
 from plant_sim.twin.process import Process
-
-LIMIT_S = 60.0
+from tests.controller.common.modbus_rig import IO_MAP, MACHINE
+from tests.real_time import SIMULATED, WAIT_S
 
 
 @contextmanager
 def plant_process(*options: str) -> Iterator[tuple[Process, int]]:
-    """Serve a plant on a free port."""
+    """Serve a plant on a free port, in lock step if `options` contain `LOCK_STEP`."""
     with Process("plant", ["plant_sim", "serve", "--port", "0", *options]) as plant:
-        line = plant.lines.get(timeout=LIMIT_S)
+        line = plant.next_line(WAIT_S)
         assert line is not None, "the plant did not start"
         yield plant, int(line.rpartition(":")[2])
 
 
-def controller_process(port: int, folder: Path, *options: str) -> Process:
+@contextmanager
+def plant_thread(port: int = 0, *, lock_step_ms: int | None = SCAN_MS) -> Iterator[int]:
+    """Serve a plant in this process, by default in lock step and on a free port; yield its port."""
+    module = IoModule(Plant(IO_MAP, MACHINE, seed=1), IO_MAP)
+    with ServerThread(PlantServer(module, port=port, lock_step_ms=lock_step_ms)) as thread:
+        yield thread.server.port
+
+
+def run_command(port: int, folder: Path, *options: str) -> list[str]:
+    """Return the command line of a controller in simulated time, with the pace of real time."""
     retain = str(folder / "retentive.json")
-    return Process(
-        "controller",
-        ["controller", "run", "--port", str(port), "--retain", retain, "--events", "json", "--no-hmi", *options],
-    )
+    return ["controller", "run", "--port", str(port), "--retain", retain, "--no-hmi", *SIMULATED, *options]
+
+
+def controller_process(port: int, folder: Path) -> Process:
+    """Run a controller in simulated time that reports its events as JSON."""
+    return Process("controller", run_command(port, folder, "--events", "json"))
 
 
 def wait_for_state(controller: Process, state: State) -> list[dict[str, object]]:
     """Read events until the machine enters a state."""
     events: list[dict[str, object]] = []
     while True:
-        line = controller.lines.get(timeout=LIMIT_S)
+        line = controller.next_line(WAIT_S)
         assert line is not None, f"the controller ended before {state.name}: {events}"
         events.append(json.loads(line))
         if events[-1]["event"] == "state" and events[-1]["state"] == state:

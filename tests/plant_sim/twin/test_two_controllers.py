@@ -1,4 +1,8 @@
-"""Two controller processes at one plant process, in real time: who owns the outputs, who is told, and what follows."""
+"""Two controller processes at one plant process: who owns the outputs, who is told, and what follows.
+
+The controllers are in simulated time. Where the lease of the outputs must end, the plant is in real time: in lock step,
+no time passes without a write.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +20,12 @@ from controller.program.states import State
 from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
 from tests.controller.common.modbus_rig import ALL_OFF, Client, exception
-from tests.plant_sim.twin.process_rig import LIMIT_S, controller_process, plant_process, wait_for_state
+from tests.plant_sim.twin.process_rig import controller_process, plant_process, wait_for_state
+from tests.real_time import LOCK_STEP, WAIT_S, host_delay
 from tests.sampling import first_of
 
-SLOW = ("--timeout-ms", "5000", "--link-limit-ms", "10000", "--scan-ms", "10")
 WATCHDOG_MS = 1_000
-"""Output watchdog of the plant, ms; long enough for a busy test machine."""
+"""Output watchdog of a plant in real time, ms, on a computer that is not busy."""
 
 
 @pytest.fixture
@@ -30,45 +34,31 @@ def stack() -> Iterator[ExitStack]:
         yield stack
 
 
-def plant(stack: ExitStack) -> int:
-    return stack.enter_context(plant_process("--watchdog-ms", str(WATCHDOG_MS)))[1]
+def real_time_plant(stack: ExitStack) -> tuple[int, int]:
+    """Serve a plant in real time; return its port and the limit of its output watchdog, ms."""
+    watchdog_ms = host_delay().relative_ms(WATCHDOG_MS)
+    return stack.enter_context(plant_process("--watchdog-ms", str(watchdog_ms)))[1], watchdog_ms
 
 
 def controller(stack: ExitStack, port: int, folder: Path) -> Process:
     folder.mkdir(exist_ok=True)
-    return stack.enter_context(controller_process(port, folder, *SLOW))
+    return stack.enter_context(controller_process(port, folder))
 
 
 def event_of(process: Process, kind: str) -> dict[str, object]:
     """Return the next event of a kind."""
     while True:
-        line = process.next_line(LIMIT_S)
+        line = process.next_line(WAIT_S)
         assert line is not None, f"the process ended before {kind}"
         event: dict[str, object] = json.loads(line)
         if event["event"] == kind:
             return event
 
 
-def clear(operator: Operator, controller: Process) -> None:
-    """Hold X24 until the machine is in Stopped.
-
-    Processes in real time: if the computer delays a scan beyond its limit meanwhile, the machine aborts once more, and
-    the operator presses again.
-    """
-    while True:
-        operator.hold("stop", pressed=True)
-        state = State.CLEARING
-        while state not in {State.STOPPED, State.ABORTED}:
-            state = State(int(str(event_of(controller, "state")["state"])))
-        operator.hold("stop", pressed=False)
-        if state is State.STOPPED:
-            return
-
-
 @pytest.mark.parametrize("together", first_of([False, True], 2))
 def test_one_of_two_controllers_is_refused_and_both_say_so(together: bool, stack: ExitStack, tmp_path: Path) -> None:
     """Whichever writes first owns the outputs; the other one is told its address, and the owner that of the other."""
-    port = plant(stack)
+    _, port = stack.enter_context(plant_process(*LOCK_STEP))
     first = controller(stack, port, tmp_path / "first")
     if not together:
         wait_for_state(first, State.STOPPED)
@@ -88,9 +78,10 @@ def test_one_of_two_controllers_is_refused_and_both_say_so(together: bool, stack
     assert owner.stop() == 0
 
 
+@pytest.mark.real_time
 def test_the_lease_of_a_killed_controller_ends_and_it_is_restarted(stack: ExitStack, tmp_path: Path) -> None:
     """Killed while it moves an arm, with a second one waiting: the outputs go off, and its restart is the owner."""
-    port = plant(stack)
+    port, watchdog_ms = real_time_plant(stack)
     operator = stack.enter_context(Operator("127.0.0.1", port))
     first = controller(stack, port, tmp_path / "first")
     wait_for_state(first, State.STOPPED)
@@ -106,7 +97,7 @@ def test_the_lease_of_a_killed_controller_ends_and_it_is_restarted(stack: ExitSt
         pass
     found = operator.telemetry()
     assert found["y_image"] == 0
-    assert found["tripped_at_ms"] - found["last_write_ms"] == WATCHDOG_MS + 1
+    assert found["tripped_at_ms"] - found["last_write_ms"] == watchdog_ms + 1
     assert found["refused_writes"] == 1
     first.stop()
     again = controller(stack, port, tmp_path / "first")
@@ -117,9 +108,10 @@ def test_the_lease_of_a_killed_controller_ends_and_it_is_restarted(stack: ExitSt
     assert operator.telemetry()["refused_writes"] == 1
 
 
+@pytest.mark.real_time
 def test_the_second_controller_takes_over_when_its_operator_clears_it(stack: ExitStack, tmp_path: Path) -> None:
     """Killed with SIGKILL, the owner is gone; X24 held for 3 s clears the second one, which then writes."""
-    port = plant(stack)
+    port, _ = real_time_plant(stack)
     operator = stack.enter_context(Operator("127.0.0.1", port))
     first = controller(stack, port, tmp_path / "first")
     wait_for_state(first, State.STOPPED)
@@ -128,7 +120,9 @@ def test_the_second_controller_takes_over_when_its_operator_clears_it(stack: Exi
     first.kill()
     while operator.telemetry()["watchdog_state"] != 2:
         pass
-    clear(operator, second)
+    operator.hold("stop", pressed=True)
+    wait_for_state(second, State.STOPPED)
+    operator.hold("stop", pressed=False)
     while operator.telemetry()["watchdog_state"] != 1:
         pass
     assert second.stop() == 0

@@ -36,7 +36,9 @@ PEER = "x-test-peer"
 PASSWORDS = {"operate": "seedling-1", "maintain": "seedling-2"}
 CHEAP = Cost(n=2, r=1, p=1)
 MAX_MESSAGES = 300
-TIMEOUT_S = 20.0
+KEEPALIVE_S = None
+"""Period of the keep-alive messages: none, because they draw from the generator that Hypothesis watches."""
+TIMEOUT_S = 60.0
 
 
 class Browser:
@@ -136,7 +138,9 @@ class PanelRig:
         self.host = "127.0.0.1:{1}".format(*self._listener.getsockname())
         self.origin = f"http://{self.host}"
         app = _with_peer_header(application(self.panel, ["panel.test"]))
-        self._web = uvicorn.Server(server_config(app))
+        config = server_config(app)
+        config.ws_ping_interval = KEEPALIVE_S
+        self._web = uvicorn.Server(config)
         self._web_thread = threading.Thread(target=self._serve, name="panel")
         self._scanned = threading.Condition()
         self._stop = threading.Event()
@@ -180,6 +184,7 @@ class PanelRig:
             open_timeout=TIMEOUT_S,
             close_timeout=2,
             max_queue=None,
+            ping_interval=KEEPALIVE_S,
         )
 
     @contextmanager

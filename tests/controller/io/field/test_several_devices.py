@@ -31,6 +31,7 @@ from tests.controller.io.field.field_rig import (
 )
 from tests.controller.io.field.modules import Beckhoff, Box
 from tests.controller.io.field.servers import TcpModule
+from tests.real_time import WAIT_S
 from tests.wiring import wired
 
 BACK_MS = 500
@@ -331,26 +332,26 @@ def test_a_slow_device_is_polled_in_every_nth_scan_and_made_safe_at_once(stack: 
 def next_event(controller: Process, **wanted: object) -> dict[str, object]:
     """Return the next event of the controller with these values."""
     while True:
-        line = controller.lines.get(timeout=60)
+        line = controller.next_line(WAIT_S)
         assert line is not None, f"the controller ended before {wanted}"
         event: dict[str, object] = json.loads(line)
         if wanted.items() <= event.items():
             return event
 
 
-def test_the_command_in_real_time(stack: ExitStack, tmp_path: Path) -> None:
+def test_the_command_with_two_devices(stack: ExitStack, tmp_path: Path) -> None:
     """A process on two devices: a device is unplugged and returns; the event and the alarm name it; clean end."""
     boxes = [Box(), Box()]
     at_rest(boxes[0])
     sensors, valves = (stack.enter_context(TcpModule(box)) for box in boxes)
     path = file_of(
         tmp_path,
-        device("sensors", "inputs-only", tcp(sensors.port), wires(INPUT_TAGS), timeout_ms=200),
-        device("valves", "coils", tcp(valves.port), wires(OUTPUT_TAGS), timeout_ms=200),
+        device("sensors", "inputs-only", tcp(sensors.port), wires(INPUT_TAGS), timeout_ms=PATIENT_MS),
+        device("valves", "coils", tcp(valves.port), wires(OUTPUT_TAGS), timeout_ms=PATIENT_MS),
     )
     retain = str(tmp_path / "retentive.json")
     options = ["--field", str(path), "--retain", retain, "--events", "json", "--no-hmi", "--link-limit-ms", "500"]
-    controller = stack.enter_context(Process("controller", ["controller", "run", *options]))
+    controller = stack.enter_context(Process("controller", ["controller", "run", *options, "--simulated-time"]))
     next_event(controller, event="state", state=int(State.STOPPED))
     boxes[1].outputs = [True] * len(boxes[1].outputs)
     valves.unplug()
@@ -379,11 +380,11 @@ def test_the_last_line_names_the_devices_that_were_not_written(
     tags = (INPUT_TAGS, OUTPUT_TAGS[:HALF], OUTPUT_TAGS[HALF:])
     names = (("sensors", "inputs-only"), ("valves", "coils"), ("claws", "coils"))
     entries = [
-        device(*name, tcp(module.port), wires(each), timeout_ms=200)
+        device(*name, tcp(module.port), wires(each), timeout_ms=PATIENT_MS)
         for name, module, each in zip(names, modules, tags, strict=True)
     ]
     options = ["--field", str(file_of(tmp_path, *entries)), "--retain", str(tmp_path / "retentive.json")]
-    more = ["--events", "json", "--no-hmi", "--link-limit-ms", "500"]
+    more = ["--events", "json", "--no-hmi", "--link-limit-ms", "500", "--simulated-time"]
     controller = stack.enter_context(Process("controller", ["controller", "run", *options, *more]))
     next_event(controller, event="state", state=int(State.STOPPED))
     modules[lost].unplug()
