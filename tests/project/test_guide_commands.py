@@ -91,6 +91,8 @@ SLOW: Final = {
     ".venv/bin/python -m plant_sim study planter-release --out var/planter-release",
     ".venv/bin/python -m plant_sim study planter-verdicts --out var/planter-verdicts",
     ".venv/bin/python -m plant_sim study throughput --json",
+    ".venv/bin/python -m plant_sim trial --ladder my.csv --scan-estimate",
+    ".venv/bin/python -m plant_sim trial --ladder my.csv --scan-ms 10 11 --jitter-ms 2 --repeat 2",
     "scripts/run --real-time",
 }
 """Commands that are run only with ``--nightly``: those that take more than 2 s, commands that read their files, and

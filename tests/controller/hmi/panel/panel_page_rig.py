@@ -64,6 +64,7 @@ class LiveMachine:
         self._trays = trays
         self._scanned = threading.Condition()
         self._stop = threading.Event()
+        self._cups_stop_in: State | None = None
         self._stack = ExitStack()
         self.port = 0
 
@@ -159,7 +160,17 @@ class LiveMachine:
             allow_forcing=True,
         )
 
+    def stop_cups_in(self, state: State) -> None:
+        """Stop the cups in the scan in which the machine enters a state, so that what they contain can be compared."""
+        self._cups_stop_in = state
+
+    def _stop_cups(self) -> None:
+        self.plant.server.module.plant.planting_frequency_per_min = 0.0
+
     def _record(self, now_ms: int, _: Plc) -> None:
+        if self.state is self._cups_stop_in:
+            self._cups_stop_in = None
+            self.plant.call(self._stop_cups)
         released = self.runtime.released
         on = frozenset(point.tag for point in IO_MAP.outputs if point.active(released[point.number]))
         with self._scanned:

@@ -216,11 +216,8 @@ def until_renewed(live: LiveMachine) -> None:
 
 
 def recent_cups(live: LiveMachine) -> dict[str, str]:
-    """Stop the cups, and return the signs of the latest cups of each row."""
+    """Return the signs of the latest cups of each row, when the cups have stopped."""
     plant = live.plant.server.module.plant
-
-    def stop() -> None:
-        plant.planting_frequency_per_min = 0.0
 
     def read() -> dict[str, str]:
         losses = {None: "○", Location.LOST_PICK: "P", Location.LOST_CARRY: "D", Location.LOST_THROW: "T"}
@@ -229,7 +226,6 @@ def recent_cups(live: LiveMachine) -> dict[str, str]:
             for side, arm in plant.arms.items()
         }
 
-    live.plant.call(stop)
     live.until(lambda: all(arm.cups.speed_m_s == 0.0 for arm in plant.arms.values()), "cups stand")
     return live.plant.call(read)
 
@@ -243,6 +239,7 @@ def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
         screen.press("[data-box=start]")
         live.until_state(State.IDLE)
         expect_state(screen, State.IDLE)
+        live.stop_cups_in(State.COMPLETE)
         screen.press("[data-box=start]")
         live.until_state(State.COMPLETE)
         expect_state(screen, State.COMPLETE)
