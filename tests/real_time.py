@@ -22,6 +22,8 @@ MARK: Final = "real_time"
 """Mark of the tests that start processes in real time."""
 WAIT_S: Final = 60.0
 """Limit of a wait for an event, s: the end of a hang, not a measure of speed."""
+COMMAND_S: Final = 300.0
+"""Limit of a complete command, s: the end of a hang."""
 MEASURED_S: Final = 0.3
 PERIOD_MS: Final = 10
 FACTOR: Final = 20

@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from typing import Any, Final, Protocol, TypeVar
 
 import joblib
@@ -108,6 +109,8 @@ class ProcessEngine:
             else {"backend": "loky", "initializer": _prepare_process, "initargs": (os.getpid(),)}
         )
         threading.excepthook = _report_unless_ending
+        if pool:  # up to Python 3.11, the start of this process unblocks interrupts, and the workers would receive them
+            resource_tracker.ensure_running()
         with interrupts_blocked():
             return _parallel(jobs, ordered=ordered, n_jobs=-1 if self.workers is None else self.workers, **pool)
 

@@ -48,11 +48,12 @@ class CompiledRun:
         control["steps_per_ms"] = plant.steps_per_ms
         control["memory"], control["program"] = execution.region_address, execution.scan_address
         control["state"] = plant.state.ctypes.data
+        self._memory_at, self._state_at = execution.region_address, plant.state.ctypes.data
         control["inputs_at"], control["outputs_at"] = layout.bit("X", 0), layout.bit("Y", 0)
         self._inputs = np.zeros(len(plant.terminals.levels), INPUT)
         self._watched = np.zeros(0, WATCHED)
         self._triggers: list[Trigger] = []
-        self._trigger_codes: dict[Trigger, MachineCondition] = {}
+        self._trigger_calls: list[tuple[Callable[..., int], int]] = []
         self._trigger_records = np.zeros(0, TRIGGER)
         self._outputs = np.array(plant.coil_wires, COIL)
         self._arguments = (
@@ -88,7 +89,9 @@ class CompiledRun:
         self._triggers = list(triggers)
         self._trigger_records = np.zeros(len(self._triggers), TRIGGER)
         codes = [self._code_of(trigger.condition) for trigger in self._triggers]
-        self._trigger_codes = dict(zip(self._triggers, codes, strict=True))
+        self._trigger_calls = [
+            (code.holds, trigger.cells.ctypes.data) for code, trigger in zip(codes, self._triggers, strict=True)
+        ]
         for record, trigger, code in zip(self._trigger_records, self._triggers, codes, strict=True):
             record["condition"] = code.address
             record["cells"] = trigger.cells.ctypes.data
@@ -101,14 +104,12 @@ class CompiledRun:
 
     def holds(self, condition: Expr) -> bool:
         """Return True if a condition is true."""
-        return self._holds(self._code_of(condition), 0)
+        return bool(self._code_of(condition).holds(self._memory_at, self._state_at, 0))
 
-    def trigger_holds(self, trigger: Trigger) -> bool:
-        """Return True if the condition of a watched trigger is true."""
-        return self._holds(self._trigger_codes[trigger], trigger.cells.ctypes.data)
-
-    def _holds(self, code: MachineCondition, cells_at: int) -> bool:
-        return bool(code.holds(int(self._control[0]["memory"]), self._plant.state.ctypes.data, cells_at))
+    def triggers_hold(self) -> list[bool]:
+        """Return for each watched trigger whether its condition is true; called once in each scan in Python."""
+        memory_at, state_at = self._memory_at, self._state_at
+        return [bool(holds(memory_at, state_at, cells_at)) for holds, cells_at in self._trigger_calls]
 
     def ticks(
         self,

@@ -29,7 +29,7 @@ from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.compiled_run import CompiledRun
 from plant_sim.twin.conditions import Interpreter, check_advances
 from plant_sim.twin.kernel import CHANGE, CONDITION
-from plant_sim.twin.watchers import Trigger, Watched
+from plant_sim.twin.watchers import Watched
 
 SCAN_MS = 10
 
@@ -190,7 +190,7 @@ class Twin(Watched):
         if self._releases:
             self._release_buttons(now_ms)
         self.runtime.tick(now_ms)
-        self._call_watchers(now_ms, self._begun(self._trigger_holds))
+        self._call_watchers(now_ms, self._begun(self._triggers_hold()))
         self._advance_plant()
 
     def run_for(self, ms: int) -> None:
@@ -300,11 +300,11 @@ class Twin(Watched):
         run = self._executed
         return run.holds(condition) if run is not None else self._interpreter.holds(condition)
 
-    def _trigger_holds(self, trigger: Trigger) -> bool:
-        run = self._executed
+    def _triggers_hold(self) -> list[bool]:
+        run = self._executed if self._triggers else None
         if run is not None:
-            return run.trigger_holds(trigger)
-        return self._interpreter.holds(trigger.condition, trigger.cells)
+            return run.triggers_hold()
+        return [self._interpreter.holds(trigger.condition, trigger.cells) for trigger in self._triggers]
 
     @property
     def _executed(self) -> CompiledRun | None:

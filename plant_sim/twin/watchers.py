@@ -111,13 +111,13 @@ class Watched(ABC):
         """Return the time of the next call of every periodic action, ms."""
         return [now_ms + -now_ms % period_ms for period_ms, _ in self._periodic]
 
-    def _begun(self, is_true: Callable[[Trigger], bool]) -> list[Trigger]:
-        """Evaluate all triggers; return those whose conditions have become true."""
+    def _begun(self, values: Iterable[bool]) -> list[Trigger]:
+        """Store the values of the conditions of all triggers; return those whose conditions have become true."""
         begun = []
-        for trigger in self._triggers:
-            held, trigger.holds = trigger.holds, is_true(trigger)
-            if trigger.holds and not held:
+        for trigger, holds in zip(self._triggers, values, strict=True):
+            if holds and not trigger.holds:
                 begun.append(trigger)
+            trigger.holds = holds
         return begun
 
     def _call_watchers(self, now_ms: int, begun: Iterable[Trigger]) -> None:

@@ -113,7 +113,6 @@ def pytest_in(root: Path, *arguments: str, timeout_s: float) -> str:
     return run(root, "-m", "pytest", "-p", "no:cacheprovider", *arguments, timeout_s=timeout_s)
 
 
-@pytest.mark.timeout(320)
 def test_the_edits_of_the_guide_pass_the_tests(edited: Path) -> None:
     assert " passed" in pytest_in(edited, *TESTS, timeout_s=280)
 

@@ -19,6 +19,7 @@ from controller.common.command_line import CommandLine
 from controller.common.extras import EXTRAS
 from plant_sim.cli.main import COMMAND_LINE as PLANT
 from tests.paths import ROOT
+from tests.real_time import COMMAND_S
 from tests.sampling import first_of
 
 COMMAND_LINES = (CONTROLLER, PLANT)
@@ -37,7 +38,7 @@ BASE = {"filelock", "pydantic", "pymodbus", "transitions", "yaml"}
 
 def python(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", program, *arguments]
-    return subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=110)
+    return subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=COMMAND_S)
 
 
 FORKS = """

@@ -303,7 +303,6 @@ def check(name: str, commands: list[str], folder: Path, capsys: pytest.CaptureFi
                 json.loads(output)
 
 
-@pytest.mark.timeout(400)
 @pytest.mark.parametrize("name", BY_DEFAULT)
 def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(name, BY_DEFAULT[name], folder, capsys)

@@ -182,7 +182,6 @@ def test_the_citation_has_the_version_and_both_papers() -> None:
     assert citation.count("type: article") == 2
 
 
-@pytest.mark.timeout(240)
 def test_the_installed_wheel_runs_outside_the_tree_and_is_uninstalled_completely(environment: Environment) -> None:
     site = environment.site_packages
     top = {path.name for path in site.iterdir()}
@@ -234,7 +233,6 @@ def fresh(folder: Path, requirement: str) -> Environment:
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 def test_the_controller_alone_needs_no_extra(distributions: Distributions, tmp_path: Path) -> None:
     environment = fresh(tmp_path / "alone", str(distributions.wheel))
     installed = {path.name for path in environment.site_packages.iterdir()}
@@ -249,7 +247,6 @@ def test_the_controller_alone_needs_no_extra(distributions: Distributions, tmp_p
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("extra", EXTRA_COMMANDS)
 def test_an_extra_installs_what_its_command_needs(extra: str, distributions: Distributions, tmp_path: Path) -> None:
     environment = fresh(tmp_path / extra, f"{distributions.wheel}[{extra}]")

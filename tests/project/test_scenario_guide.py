@@ -12,9 +12,9 @@ import pytest
 
 from tests.machine_code import give_machine_code
 from tests.paths import DOCS
+from tests.real_time import COMMAND_S
 
 ROOT = DOCS.parent
-LIMIT_S = 60.0
 CHECKED = ("controller", "plant_sim", "tests", "pyproject.toml", "io_map.yaml")
 
 
@@ -64,7 +64,7 @@ def test_the_code_of_the_guide_passes_its_command(arguments: tuple[str, ...], ch
         env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(checkout), "NUMBA_CACHE_DIR": str(checkout / "machine-code")},
         capture_output=True,
         text=True,
-        timeout=LIMIT_S,
+        timeout=COMMAND_S,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     if arguments[0] == "pytest":

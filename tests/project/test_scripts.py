@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from tests.paths import ROOT
+from tests.real_time import WAIT_S
 
 COMMANDS = ["scripts/run", "scripts/test", "scripts/bench", "scripts/setup", ".ci/run"]
 TOOLS = ["bash", "cat", "chmod", "cp", "dirname", "env", "flock", "mkdir", "readlink", "rm", "sha256sum"]
@@ -88,7 +89,7 @@ class Machine:
     def run(self, command: str, *arguments: str, **variables: str) -> tuple[int, str, str]:
         """Run a command; return exit code, standard output and standard error."""
         process = self.start(command, *arguments, **variables)
-        output, errors = process.communicate(timeout=30)
+        output, errors = process.communicate(timeout=WAIT_S)
         return process.returncode, output, errors
 
     def setup(self, extra: str, **variables: str) -> list[str]:
@@ -213,7 +214,7 @@ def test_a_concurrent_setup_waits_and_has_nothing_left_to_do(machine: Machine, t
     assert second.stderr is not None
     assert second.stderr.readline() == "scripts/setup: waiting for another setup to finish\n"
     gate.write_text("")  # lets the first pip finish
-    done, nothing = (process.communicate(timeout=30)[1] for process in (first, second))
+    done, nothing = (process.communicate(timeout=WAIT_S)[1] for process in (first, second))
     assert re.fullmatch(r"scripts/setup: done in \d+ s\n", done)
     assert nothing == ""
     assert (first.returncode, second.returncode) == (0, 0)

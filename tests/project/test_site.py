@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.paths import DOCS, ROOT
+from tests.real_time import COMMAND_S
 
 ELSEWHERE = re.compile(
     r"<(?:script|img|link rel=\"stylesheet\"|link rel=\"preconnect\")[^>]*(?:src|href)=\"https?://[^\"]*"
@@ -24,7 +25,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=110)
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=COMMAND_S
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 

@@ -12,6 +12,7 @@ import psutil
 import pytest
 
 from tests.paths import ROOT
+from tests.real_time import WAIT_S
 from tests.suite import __main__ as suite
 from tests.suite.parts import TABLE, Case, PartError, part_of, parts, problems, table
 from tests.suite.selection import Selection
@@ -131,7 +132,7 @@ def test_an_interrupt_ends_the_tool_and_its_children(log: Path, number: signal.S
         assert process.stdout is not None
         assert process.stdout.readline() == "started\n"
         process.send_signal(number)
-        assert process.wait(timeout=30) == 130
+        assert process.wait(timeout=WAIT_S) == 130
     interrupted, child = log.read_text().split()
     assert interrupted == "interrupted"
     while psutil.pid_exists(int(child)) and psutil.Process(int(child)).status() != psutil.STATUS_ZOMBIE:

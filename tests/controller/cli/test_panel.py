@@ -14,6 +14,7 @@ import pytest
 
 from controller.cli import panel
 from controller.common.errors import InputError
+from tests.real_time import WAIT_S
 
 
 def refused(tmp_path: Path, *given: str) -> str:
@@ -55,9 +56,9 @@ def test_the_panel_serves_without_a_controller_and_exits_cleanly(tmp_path: Path,
             line = process.stdout.readline()
             assert line.startswith("panel at http://127.0.0.1:")
             url = line.removeprefix("panel at ").strip()
-            assert httpx.get(f"{url}/api/me", timeout=10).json() == {"level": "view", "first_run": True}
+            assert httpx.get(f"{url}/api/me", timeout=WAIT_S).json() == {"level": "view", "first_run": True}
             process.send_signal(number)
-            out, err = process.communicate(timeout=20)
+            out, err = process.communicate(timeout=WAIT_S)
         finally:
             process.kill()
     assert (process.returncode, out, err) == (0, "", "")

@@ -72,7 +72,6 @@ def test_every_goal_of_the_proof_is_expected() -> None:
     assert sorted(known.split(", ")) == sorted(", ".join(expected_results(every=1)).split(", "))
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("every", first_of([5, 1]))
 def test_the_proof_succeeds(every: int) -> None:
     """Every goal has the result that the specification demands: requirements are proved, limits are not provable.
@@ -95,7 +94,6 @@ def test_the_proof_succeeds(every: int) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(300)
 def test_a_violation_is_reported_saved_and_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """If a rule is omitted, the violation is printed and its trace is saved; a replay with the rule shows none."""
     assert main(["prove", "--without", RULE, "--goal", GOAL, "--traces", str(tmp_path)]) == 1

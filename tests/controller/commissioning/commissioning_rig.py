@@ -6,14 +6,18 @@ import csv
 import os
 import pty
 import select
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from controller.cli.main import main
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load_io_map
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
@@ -65,6 +69,18 @@ def changed(by_tag: Mapping[str, Mapping[str, object]]) -> IoMap:
         return tuple(sorted(changed, key=lambda point: point.number))
 
     return replace(IO_MAP, inputs=points(IO_MAP.inputs), outputs=points(IO_MAP.outputs))
+
+
+def refusal(arguments: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Run the command without a terminal in this process; return its line of error output."""
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        assert main(["check-io", *arguments]) == 2
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    return str(printed.err)
 
 
 class WiredPlant:

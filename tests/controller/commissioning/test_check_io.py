@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +23,7 @@ from tests.controller.commissioning.commissioning_rig import (
     Person,
     WiredPlant,
     inverted,
+    refusal,
     swapped,
     wired_plant,
 )
@@ -334,26 +333,14 @@ def test_texts_and_report_in_chinese(tmp_path: Path) -> None:
     assert "| X0 | 启动按钮按下 | 正确 |" in text
 
 
-def check_io(*arguments: str) -> tuple[int, str]:
-    """Run the command without a terminal."""
-    command = [sys.executable, "-m", "controller", "check-io", *arguments]
-    done = subprocess.run(
-        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=LIMIT_S
-    )
-    assert done.stdout == ""
-    return done.returncode, done.stderr
-
-
-def test_invalid_use_is_one_line(tmp_path: Path) -> None:
+def test_invalid_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").touch()
     for arguments, message in (
         (["--only", "X99"], f"--only X99: no such point in {IO_MAP.path}; use one of inputs, outputs, "),
         (["--out", str(tmp_path / "file" / "x")], f"--out {tmp_path}/file/x: Not a directory; choose a"),
         (["--out", str(tmp_path)], "check-io: standard input is not a terminal; outputs are switched by a held key"),
     ):
-        code, errors = check_io(*arguments)
-        assert (code, errors.count("\n")) == (2, 1)
-        assert errors.startswith(message)
+        assert refusal(arguments, capsys).startswith(message)
 
 
 def test_outputs_in_use_and_a_missing_field_are_refused(tmp_path: Path) -> None:

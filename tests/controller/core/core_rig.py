@@ -17,7 +17,7 @@ from controller.core.sequence import Sequence
 from controller.io.retentive_writer import ThreadedRetentiveWriter
 from tests.sampling import examples
 
-PATIENT_S = 20.0
+PATIENT_S = 60.0
 """Timeout for events that must occur, s; long enough for a slow computer."""
 
 THOROUGH = examples(60, nightly=200)

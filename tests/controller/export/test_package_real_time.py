@@ -38,7 +38,6 @@ class Pace:
 
 @pytest.mark.nightly
 @pytest.mark.real_time
-@pytest.mark.timeout(400)
 def test_a_package_completes_a_trial_in_real_time() -> None:
     """All seedlings are accounted for, without a fault of the clocks or of the link."""
     machine = rig("openplc")

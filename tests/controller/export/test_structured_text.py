@@ -90,7 +90,6 @@ def run_stories(make: Callable[[], StPlc], monkeypatch: pytest.MonkeyPatch, seed
     return pairs
 
 
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("count", first_of([1, 3]))
 def test_text_has_the_same_outputs_in_every_scan(
     count: int, machine: StProgram, monkeypatch: pytest.MonkeyPatch
@@ -265,7 +264,6 @@ def test_complete_text_is_parsed(make: Callable[[], Program]) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 def test_complete_text_of_the_machine_is_parsed() -> None:
     """The complete text is parsed as one unit, which takes over a minute; the other tests parse single statements."""
     assert parsed(TEXT).data == "iec_source"

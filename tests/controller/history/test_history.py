@@ -34,7 +34,7 @@ from controller.history.query import HistoryReader
 from controller.history.schema import TABLES
 from tests.controller.history.history_rig import WALL_MS, history, is_sound, table
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 """Timeout for a thread or a process, s; reached only in a failing test."""
 
 

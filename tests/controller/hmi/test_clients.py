@@ -28,7 +28,7 @@ from plant_sim.twin.process import Process
 LIMIT_S = 60.0
 MAX_REQUESTS = 20_000
 FASTEST, PAUSED = 65_535, 0
-MBPOLL_LIMIT_S = 20.0
+MBPOLL_LIMIT_S = 60.0
 
 Rows = dict[str, dict[str, str]]
 

@@ -10,7 +10,7 @@ from controller.io import pace as pace_module
 from controller.io.pace import FASTEST, FLAT_OUT, Pace, PaceError
 
 NEVER = threading.Event()
-STUCK_S = 10.0
+STUCK_S = 60.0
 
 
 class Wall:

@@ -12,6 +12,7 @@ from typing import Final
 import pytest
 
 from tests.paths import ROOT
+from tests.real_time import COMMAND_S
 from tests.sampling import one_in
 
 PROGRAM: Final = "controller/program/"
@@ -160,7 +161,7 @@ def test_a_missing_declaration_is_reported_in_one_line(name: str, project: Path)
             check=False,
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=COMMAND_S,
         )
     finally:
         for file, text in saved.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -115,6 +116,7 @@ def test_timers_are_plain_and_have_the_time_base_of_their_preset() -> None:
 # devices
 
 
+@cache
 def devices() -> set[Bit | Word]:
     return set(MACHINE.program.devices())
 

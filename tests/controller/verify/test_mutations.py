@@ -90,7 +90,6 @@ def test_every_rule_upholds_a_requirement_or_is_listed_as_redundant() -> None:
 
 
 @pytest.mark.parametrize("rule", first_of(SELECTED_RULES))
-@pytest.mark.timeout(300)
 def test_removed_rule_violates_its_requirement(rule: str) -> None:
     """If a rule of the left arm is removed, its requirements are violated, and the traces can be replayed."""
     assert_violated_without((f"left: {rule}",), tuple(f"left: {name}" for name in UPHELD_BY_RULES[rule,]))
@@ -118,7 +117,6 @@ def test_every_removed_rule_of_the_tray_violates_its_requirement(rule: str, requ
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("rules", REDUNDANT, ids=" and ".join)
 def test_removed_redundant_rule_violates_nothing(side: Side, rules: tuple[str, ...]) -> None:
@@ -127,7 +125,6 @@ def test_removed_redundant_rule_violates_nothing(side: Side, rules: tuple[str, .
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("coils", [SLIDE, LIFT, BELT, CLAWS], ids=" and ".join)
 def test_pair_of_rules_separates_coils_that_are_requested_together(coils: tuple[str, str]) -> None:
     """If both coils of a valve or motor are requested by mistake, only their two rules prevent both from being on."""
@@ -276,7 +273,6 @@ def test_mutation_violates_a_goal(mutation: str) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize(("change", "goal"), MUTATIONS.values(), ids=MUTATIONS)
 def test_mutation_is_reported(change: Change, goal: str) -> None:
     """The report on a mutated program states that the goal is not proved, and gives the cause."""
@@ -293,7 +289,6 @@ def test_mutation_without_a_matching_rung_is_an_error() -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("change", UNDETECTED.values(), ids=UNDETECTED)
 def test_mutated_timers_used_by_monitors_are_undetected(change: Change) -> None:
     """The proof does not detect a mutation of a timer that the monitors themselves use."""

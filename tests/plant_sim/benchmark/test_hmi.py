@@ -178,7 +178,6 @@ def test_another_abort_ends_the_measurement(reported: tuple[State | int, ...]) -
 
 @pytest.mark.nightly
 @pytest.mark.real_time
-@pytest.mark.timeout(300)
 def test_clients_and_browsers_are_served_by_real_processes() -> None:
     """After a short run, clients have received answers, and browsers have received events."""
     figures = measure_punctuality(1, waits_s=1, quiet_s=1, loaded_s=2)
@@ -188,7 +187,6 @@ def test_clients_and_browsers_are_served_by_real_processes() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.real_time
-@pytest.mark.timeout(300)
 def test_malformed_frames_are_sent_to_a_real_process() -> None:
     figures = measure_malformed(1, frames=500, connections=200)
     assert 0 < figures["answered"] < 500

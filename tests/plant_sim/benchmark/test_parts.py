@@ -50,7 +50,6 @@ def test_a_part_measures_its_figures(name: str) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", [each.name for each in chosen_parts([])])
 def test_every_part_measures_its_figures(name: str) -> None:
     measured(name)

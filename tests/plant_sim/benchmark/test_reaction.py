@@ -55,7 +55,6 @@ def test_the_timer_counts_edges_without_an_echo(io_map: IoMap) -> None:
     assert timer.missed > 10
 
 
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize("baud", [None, 115_200], ids=["tcp", "rtu"])
 def test_real_processes_answer_the_edges(baud: int | None) -> None:
     """The reaction is bounded loosely; `scripts/bench` states the figures of an idle computer."""

@@ -281,7 +281,6 @@ def test_a_service_ends_at_once(
         assert all(line.startswith("ticks of 1 ms") for line in errors.splitlines()), moment  # timing of the plant
 
 
-@pytest.mark.timeout(400)
 @pytest.mark.parametrize(("by_hand", "expected"), first_of([(True, 0), (False, 130)], 2))
 def test_a_live_run_ends_in_order_although_it_is_stopped_repeatedly(
     by_hand: bool, expected: int, stack: ExitStack, tmp_path: Path

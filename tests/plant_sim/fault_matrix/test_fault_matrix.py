@@ -165,7 +165,6 @@ def test_a_fault_gives_its_alarm_and_every_seedling_is_counted_once(text: str, n
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("kind", FAULTS)
 def test_every_part_at_three_moments(kind: str) -> None:
     rows = run_matrix(subjects(TWO_TRAYS.twin().plant, [kind]), TWO_TRAYS, moments=3, jobs=1)

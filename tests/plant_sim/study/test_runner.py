@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shlex
+import subprocess
+import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,6 +31,7 @@ from plant_sim.study.runner import (
 )
 from plant_sim.twin.report import TrialReport
 from plant_sim.twin.trial import run_trial
+from tests.real_time import COMMAND_S
 
 SEEDLINGS = 12
 SETTINGS = [FactorSetting({}), FactorSetting({"crop.claw_pressure_mpa": 0.7, "program.descend_at_count": 6})]
@@ -134,6 +137,22 @@ def test_prepared_processes_run_the_jobs() -> None:
         pass
     prepared = {process.pid for process in psutil.Process().children()}
     assert {*ProcessEngine(2).results([os.getpid] * 4, ordered=False)} <= prepared
+
+
+INTERRUPTS_BLOCKED = """
+import signal
+from functools import partial
+from plant_sim.study.engines import ProcessEngine
+jobs = [partial(signal.pthread_sigmask, signal.SIG_BLOCK, ())] * 4
+print([signal.SIGINT in blocked for blocked in ProcessEngine(2).results(jobs, ordered=False)])
+"""
+
+
+def test_every_process_is_started_with_interrupts_blocked() -> None:
+    """In a process that has not started others before, as at a command: the first one must not change the mask."""
+    command = [sys.executable, "-c", INTERRUPTS_BLOCKED]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=COMMAND_S)
+    assert done.stdout == "[True, True, True, True]\n"
 
 
 def test_a_process_killed_while_it_is_prepared_is_reported() -> None:

@@ -80,13 +80,13 @@ class Check:
             if isinstance(rule.violated, Expr):
                 twin.when(rule.violated, lambda: None)
         self._twin = twin
-        self._triggers = {trigger.condition: trigger for trigger in twin._triggers}
 
     def text(self) -> str | None:
         """Return the description of a violation; None if there is none."""
+        held = dict(zip((one.condition for one in self._twin._triggers), self._twin._triggers_hold(), strict=True))
         for rule in self._rules:
             violated = rule.violated
-            if self._twin._trigger_holds(self._triggers[violated]) if isinstance(violated, Expr) else violated():
+            if held[violated] if isinstance(violated, Expr) else violated():
                 return rule.text()
         return None
 

@@ -28,15 +28,13 @@ from plant_sim.cli.main import main as plant_main
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.operator import PRESS_MS, Operator, counts_of
 from tests.plant_sim.twin.process_rig import controller_process, plant_process, plant_thread, run_command
-from tests.real_time import LOCK_STEP, WAIT_S
+from tests.real_time import COMMAND_S, LOCK_STEP, WAIT_S
 from tests.sampling import first_of
 
-LIVE_RUN_S = 400
-"""Limit of a live run of four processes, s: the end of a hang on a busy computer."""
 MAIN = {"controller": controller_main, "plant_sim": plant_main}
 
 
-def run(*arguments: str, timeout_s: float = WAIT_S) -> subprocess.CompletedProcess[str]:
+def run(*arguments: str, timeout_s: float = COMMAND_S) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", *arguments]
     return subprocess.run(command, check=False, capture_output=True, text=True, timeout=timeout_s)
 
@@ -336,7 +334,6 @@ def test_two_presses_of_a_button_stay_distinct() -> None:
         assert operator.telemetry()["time_ms"] - before_ms >= 2 * PRESS_MS
 
 
-@pytest.mark.timeout(LIVE_RUN_S)
 def test_the_live_run_is_stopped_by_ctrl_c_in_order(tmp_path: Path) -> None:
     """Ctrl-C ends panel, controller and plant of a live run: safe outputs are written and the ports are released."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:

@@ -51,7 +51,6 @@ def test_the_watchdog_switches_outputs_off_when_the_controller_is_killed_or_hang
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(400)
 def test_the_full_trial_over_modbus_in_real_time() -> None:
     """The trial of the README in real time accounts for all 144 seedlings."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:

@@ -24,6 +24,7 @@ from controller.hmi.panel.orders.login import (
     is_loopback,
 )
 from tests.controller.hmi.panel.panel_rig import CHEAP, ELSEWHERE, PASSWORDS, PanelRig
+from tests.real_time import WAIT_S
 
 FIRST = {"operate": "operate-1", "maintain": "maintain-1"}
 
@@ -36,7 +37,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelRig]:
 
 def read_until_closed(socket: ClientConnection) -> None:
     for _ in range(100):
-        socket.recv(timeout=10)
+        socket.recv(timeout=WAIT_S)
 
 
 def test_passwords_are_salted_hashes_in_a_private_file(tmp_path: Path) -> None:
@@ -204,14 +205,14 @@ def test_remote_clients_need_a_login(rig: PanelRig) -> None:
     remote.post("/api/login", json={"user": "operate", "password": PASSWORDS["operate"]})
     assert remote.get("/metrics").status_code == 200
     with rig.socket(remote) as socket:
-        assert json.loads(socket.recv(timeout=10))["view"]["me"] == {"level": "operate"}
+        assert json.loads(socket.recv(timeout=WAIT_S))["view"]["me"] == {"level": "operate"}
 
 
 def test_socket_closes_with_its_session(rig: PanelRig) -> None:
     client = rig.client(ELSEWHERE)
     client.post("/api/login", json={"user": "operate", "password": PASSWORDS["operate"]})
     with rig.socket(client) as socket:
-        socket.recv(timeout=10)
+        socket.recv(timeout=WAIT_S)
         client.post("/api/logout", json={})
         with pytest.raises(ConnectionClosedError):
             read_until_closed(socket)

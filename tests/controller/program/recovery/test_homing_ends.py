@@ -83,7 +83,6 @@ def _returning(step: Step) -> Step:
 # ---- exploration ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("every", first_of([SAMPLE, 1]))
 def test_every_start_ends_in_idle(every: int) -> None:
     """Without a fault and with true answers, at most two homings lead from any place and memory to Idle.
@@ -111,7 +110,6 @@ def test_every_state_of_the_rows_ends_in_idle(scan_ms: int) -> None:
     assert found.starts > 10_000
 
 
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize("every", first_of([SAMPLE, 1]))
 def test_a_stuck_switch_ends_homing_in_time(every: int) -> None:
     """With any switch stuck, homing ends within T in Idle, an alarm or a question, and in Idle after the repair."""

@@ -40,6 +40,7 @@ from tests.plant_sim.study.campaign.folders import (
     table,
     written,
 )
+from tests.real_time import COMMAND_S, WAIT_S
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +95,7 @@ def test_duckdb_and_pandas_read_the_folder(undisturbed: Path) -> None:
         "WHERE completed GROUP BY ALL ORDER BY ALL"
     )
     arguments = [sys.executable, "-c", program, query]
-    done = subprocess.run(arguments, check=True, capture_output=True, text=True, cwd=undisturbed, timeout=60)
+    done = subprocess.run(arguments, check=True, capture_output=True, text=True, cwd=undisturbed, timeout=COMMAND_S)
     frame = pd.read_parquet(undisturbed / "runs")
     groups = frame[frame.completed].groupby("crop.claw_pressure_mpa").in_cups
     expected = [[pressure, len(group), int(group.sum())] for pressure, group in groups]
@@ -108,7 +109,7 @@ def test_the_program_of_the_guide_reads_the_folder(undisturbed: Path, tmp_path: 
     (tmp_path / "var").mkdir()
     (tmp_path / "var/campaign").symlink_to(undisturbed)
     arguments = [sys.executable, "-c", program]
-    done = subprocess.run(arguments, check=True, capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    done = subprocess.run(arguments, check=True, capture_output=True, text=True, cwd=tmp_path, timeout=COMMAND_S)
     assert "stuck_off:left.lift_up@26000ms..34000ms" in done.stdout
     assert "crop.claw_pressure_mpa" in done.stdout
 
@@ -146,7 +147,7 @@ def test_kill_9_loses_no_run_and_repeats_none(long_table: list[dict[str, Any]], 
     before = keys(out)
     assert 2 <= len(before) < LONG_RUNS
     assert len(workers) >= 2
-    assert psutil.wait_procs(workers, timeout=30)[1] == []
+    assert psutil.wait_procs(workers, timeout=WAIT_S)[1] == []
 
     assert campaign(file, out, "--shard", "2", *LONG) == 0
     assert table(out) == long_table
@@ -339,7 +340,7 @@ def test_the_version_covers_every_source_that_a_trial_loads() -> None:
         capture_output=True,
         text=True,
         env=environment(),
-        timeout=100,
+        timeout=COMMAND_S,
     )
     loaded = {Path(line) for line in done.stdout.splitlines()}
     assert ROOT / "plant_sim/machine/kernel.py" in loaded

@@ -25,6 +25,7 @@ from plant_sim.study.design_file import FactorDesign
 from plant_sim.study.errors import StudyError
 from tests.paths import ROOT
 from tests.plant_sim.study.campaign.folders import LONG, LONG_RUNS, campaign, command, environment, keys, table, written
+from tests.real_time import COMMAND_S
 
 
 @contextmanager
@@ -93,7 +94,7 @@ def wait_for(process: subprocess.Popen[str], runs: int) -> None:
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
     """Wait for the end of the command; return its exit code and its messages without the progress."""
-    _, errors = process.communicate(timeout=90)
+    _, errors = process.communicate(timeout=COMMAND_S)
     return process.returncode, "\n".join(line for line in errors.splitlines() if not re.match(r"\d+ of ", line))
 
 

@@ -168,7 +168,6 @@ def test_trials_by_the_equations_have_their_shares() -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(600)
 def test_verdicts_hold_in_at_least_90_percent_of_200_draws() -> None:
     study = record_of(verdicts.verdict_study(PLANTER, RANGES, draws=60, seed=1))
     for case, count in zip(verdicts.CASES, study["cases"], strict=True):
