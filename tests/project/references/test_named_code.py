@@ -40,7 +40,7 @@ METRIC: Final = re.compile(r"transplanter_(\w+?)(?:_total)?")
 """Metric of the web panel; prefix and suffix are added to its name in the source."""
 SYSTEM_NAMES: Final = {"sched_rt_runtime_us", "SupplementaryGroups"}
 """Names of Linux and systemd."""
-OTHER_PROGRAMS: Final = ("journalctl ", "python -m mkdocs ")
+OTHER_PROGRAMS: Final = (".venv/bin/pytest ", "journalctl ", "python -m mkdocs ")
 """Beginnings of commands of other programs, whose options are their own."""
 
 
