@@ -8,11 +8,11 @@ from pathlib import Path
 
 from controller.cli.machine import add_io_map
 from controller.cli.run_field import add_field_arguments, check_field_numbers, field_plan, output_guard
-from controller.commissioning.bench import PERIOD_S, CheckBench
+from controller.commissioning.checked_field import PERIOD_S, CheckedField
 from controller.commissioning.report import CheckReport, write_report
-from controller.commissioning.session import CheckSession
 from controller.commissioning.terminal import single_keys
 from controller.commissioning.texts import PROMPTS, said
+from controller.commissioning.wire_check import WireCheck
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.suggestion import suggestion
@@ -70,8 +70,8 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(f"check-io: {error}") from error
         if holder:
             raise InputError(f"check-io: outputs are in use: {holder}; stop the other controller first")
-        bench = CheckBench(link, io_map, terminal, MonotonicClock(), options.stop)
-        CheckSession(bench, report, options.language, utc_ms).run()
+        field = CheckedField(link, io_map, terminal, MonotonicClock(), options.stop)
+        WireCheck(field, report, options.language, utc_ms).run()
     path = write_report(report, options.out, options.language)
     with contextlib.suppress(OSError):  # the terminal may have been closed
         print(said(PROMPTS["report"], options.language, path=str(path)), flush=True)

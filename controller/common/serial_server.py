@@ -132,6 +132,7 @@ class SerialServer(ABC):
         except OSError as error:
             self._disconnect(error)
             return
+        # the idle time begins again with every byte
         if self._gap is not None:
             self._gap.cancel()
         self._feed(data)

@@ -84,6 +84,7 @@ class FunctionBody:
         self._store_bit(self._pointer(self._layout.bit(row, number)), value)
 
     def _loaded_bit(self, pointer: str) -> str:
+        # with the range of the byte, LLVM combines conditions without masking it
         return self.value(f"trunc i8 {self.value(f'load i8, ptr {pointer}, !range !0')} to i1")
 
     def _store_bit(self, pointer: str, value: str) -> None:

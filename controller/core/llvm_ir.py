@@ -116,6 +116,7 @@ def _scan(program: Program, layout: MemoryLayout, blocks: Iterable[str]) -> str:
     tick_100, tick_10 = (code.value(f"sdiv i64 %now_ms, {base}") for base in (MS_100, MS_10))
     for name in blocks:
         code.add(f"call void @{name}(ptr %m, i64 {tick_100}, i64 {tick_10}, i64 %now_ms)")
+    # a step that was left goes off at END and was on during this scan (docs/sources/fx2n.md 1.7 rule 4)
     for state in sorted({t.source.number for t in _transfers(program)}):
         stays = code.value(f"xor i1 {code.bit('L', state)}, true")
         code.set_bit("S", state, code.all_of((code.bit("S", state), stays)))
@@ -184,6 +185,7 @@ class _ProgramBody(FunctionBody):
                 self._counter(rung, when)
             case Scale(source, factor, divisor, target):
                 with self.on(self.condition(rung.driven)):
+                    # the product of two words does not overflow 64 bits
                     product = self.value(f"mul i64 {self.operand(source)}, {self.operand(factor)}")
                     quotient = self.value(f"sdiv i64 {product}, {self.operand(divisor)}")
                     limited = self.choice(self.compare("<", quotient, WORD_MAX), quotient, WORD_MAX)
@@ -247,6 +249,8 @@ class _ProgramBody(FunctionBody):
             start = self.word("TS", number)
             start = self.choice(self.compare("<", start, 0), tick, start)
             self.set_word("TS", number, start)
+            # in ticks of the time base, as the FX2N counts; a difference in ms would end up to one tick earlier or
+            # later
             elapsed = self.value(f"sub i64 {tick}, {start}")
             preset = self.operand(counts)
             done = self.compare(">=", elapsed, preset)
@@ -289,6 +293,7 @@ class _ProgramBody(FunctionBody):
         after = self.sum(before, self.choice(down, -1, 1))
         self.set_word("CV", number, after)
         below = self.sum(preset, -1)
+        # the contact changes only when the count passes the preset, not while it is above or below it
         reached = self.all_of((self.compare("==", before, below), self.compare("==", after, preset)))
         left = self.all_of((self.compare("==", before, preset), self.compare("==", after, below)))
         with self.on(reached):
@@ -315,12 +320,14 @@ class _ProgramBody(FunctionBody):
                     pending = self.all_of((pending, self.inverse(condition)))
                     with self.on(taken):
                         self._transfer(transfer, sequence.consumes)
+            # the coil of a step that was left is executed as false (docs/sources/fx2n.md 1.7 rule 5)
             if dwell is not None:
                 self._stop_running_timer(dwell.timer.number, self.inverse(active))
 
     def _transfer(self, transfer: Transfer, consumes: Bit | None) -> None:
         source, target = transfer.source.number, transfer.target.number
         self.set_bit("S", target, "true")
+        # a step that was left in this scan and is entered again stays on
         self.set_bit("L", target, "false")
         if source != target:
             self.set_bit("L", source, "true")

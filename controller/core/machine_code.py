@@ -32,6 +32,7 @@ class MachineCode:
         self.program = program
         self.layout = MemoryLayout(sum(isinstance(rung, Pulse | PulseFalling) for rung in program.rungs()))
         translation = translate(program, self.layout)
+        # kept, because the addresses are valid only while the modules are loaded
         self._modules = LoadedModules(translation.modules)
         self.address = self._modules.address(translation.entry)
         self.scan = self._modules.function(translation.entry, None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)

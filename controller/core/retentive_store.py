@@ -87,6 +87,7 @@ class FileStore:
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(self.path)
+        # the new name is part of the folder, which is stored separately
         folder = os.open(self.path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)

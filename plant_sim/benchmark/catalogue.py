@@ -7,11 +7,11 @@ from typing import Final
 
 from controller.common.errors import InputError
 from plant_sim.benchmark.live_catalogue import LIVE_PARTS
-from plant_sim.benchmark.part import BenchFigure, BenchPart, lazily
+from plant_sim.benchmark.part import BenchmarkFigure, BenchmarkPart, lazily
 
 _NO_GCC: Final = "gcc is not installed"
 
-_SCAN: Final = BenchPart(
+_SCAN: Final = BenchmarkPart(
     name="scan",
     title="Scan of the complete program",
     explanation="The PLC alone with Python functions, as in the controller, reads the recorded inputs of a trial. The "
@@ -19,11 +19,11 @@ _SCAN: Final = BenchPart(
     repetitions=5,
     measure=lazily("plant_sim.benchmark.images:measure_scan"),
     figures={
-        "scan": BenchFigure("scan, mean", "us CPU", at_most=50),
-        "slowest_tenth": BenchFigure("slowest tenth of the trial", "us CPU"),
+        "scan": BenchmarkFigure("scan, mean", "us CPU", at_most=50),
+        "slowest_tenth": BenchmarkFigure("slowest tenth of the trial", "us CPU"),
     },
 )
-_PLANT: Final = BenchPart(
+_PLANT: Final = BenchmarkPart(
     name="plant",
     title="Plant",
     explanation="The plant alone, with all devices in steps of 1 ms and the recorded outputs of a trial, called from "
@@ -31,11 +31,11 @@ _PLANT: Final = BenchPart(
     repetitions=5,
     measure=lazily("plant_sim.benchmark.images:measure_plant"),
     figures={
-        "plant": BenchFigure("10 ms of plant time", "us CPU"),
-        "ratio": BenchFigure("simulated time to CPU time", at_least=1000),
+        "plant": BenchmarkFigure("10 ms of plant time", "us CPU"),
+        "ratio": BenchmarkFigure("simulated time to CPU time", at_least=1000),
     },
 )
-_TRIAL: Final = BenchPart(
+_TRIAL: Final = BenchmarkPart(
     name="trial",
     title="Trial",
     explanation="144 seedlings from power-up to Complete, set-up included, with all machine code loaded: once with the "
@@ -46,31 +46,31 @@ _TRIAL: Final = BenchPart(
     repetitions=5,
     measure=lazily("plant_sim.benchmark.twin:measure_trial"),
     figures={
-        "step_by_step": BenchFigure("step by step", "x real time"),
-        "machine_code": BenchFigure("in machine code", "x real time"),
-        "ratio": BenchFigure("machine code to step by step", at_least=7),
-        "program_share": BenchFigure("share of the program", "%"),
-        "plant_share": BenchFigure("share of the plant", "%"),
-        "rest_share": BenchFigure("share of other kernel", "%"),
-        "python_share": BenchFigure("share of Python", "%"),
-        "plant_alone": BenchFigure("speed of the plant alone to that of the trial"),
-        "simulated": BenchFigure("simulated time", "s"),
-        "ticks": BenchFigure("ticks"),
-        "calls": BenchFigure("calls of Python"),
+        "step_by_step": BenchmarkFigure("step by step", "x real time"),
+        "machine_code": BenchmarkFigure("in machine code", "x real time"),
+        "ratio": BenchmarkFigure("machine code to step by step", at_least=7),
+        "program_share": BenchmarkFigure("share of the program", "%"),
+        "plant_share": BenchmarkFigure("share of the plant", "%"),
+        "rest_share": BenchmarkFigure("share of other kernel", "%"),
+        "python_share": BenchmarkFigure("share of Python", "%"),
+        "plant_alone": BenchmarkFigure("speed of the plant alone to that of the trial"),
+        "simulated": BenchmarkFigure("simulated time", "s"),
+        "ticks": BenchmarkFigure("ticks"),
+        "calls": BenchmarkFigure("calls of Python"),
     },
 )
-_SNAPSHOT: Final = BenchPart(
+_SNAPSHOT: Final = BenchmarkPart(
     name="snapshot",
     title="Snapshot",
     explanation="Copy of the complete state of a twin at work, and its restoration: minimum of three rounds of 2,000.",
     repetitions=5,
     measure=lazily("plant_sim.benchmark.twin:measure_snapshot"),
     figures={
-        "snapshot": BenchFigure("snapshot", "us CPU", at_most=100),
-        "restoration": BenchFigure("restoration", "us CPU", at_most=100),
+        "snapshot": BenchmarkFigure("snapshot", "us CPU", at_most=100),
+        "restoration": BenchmarkFigure("restoration", "us CPU", at_most=100),
     },
 )
-_FLEET: Final = BenchPart(
+_FLEET: Final = BenchmarkPart(
     name="fleet",
     title="Fleet",
     explanation="120 trials with different seeds in processes that have already started, one process and then two. A "
@@ -78,21 +78,21 @@ _FLEET: Final = BenchPart(
     repetitions=3,
     measure=lazily("plant_sim.benchmark.twin:measure_fleet"),
     figures={
-        "one": BenchFigure("on one core", "x real time"),
-        "two": BenchFigure("on two cores", "x real time"),
-        "ratio": BenchFigure("two cores to one", at_least=1.8),
+        "one": BenchmarkFigure("on one core", "x real time"),
+        "two": BenchmarkFigure("on two cores", "x real time"),
+        "ratio": BenchmarkFigure("two cores to one", at_least=1.8),
     },
 )
-_START: Final = BenchPart(
+_START: Final = BenchmarkPart(
     name="start",
     title="Warm start",
     explanation="Wall time of a new process from its first import to the end of its first scan, with the compiled code "
     "of the plant on disk. The first start after a change to the plant's source code also compiles the plant.",
     repetitions=5,
     measure=lazily("plant_sim.benchmark.twin:measure_start"),
-    figures={"start": BenchFigure("start of a process", "s", at_most=1)},
+    figures={"start": BenchmarkFigure("start of a process", "s", at_most=1)},
 )
-_INSTRUCTIONS: Final = BenchPart(
+_INSTRUCTIONS: Final = BenchmarkPart(
     name="instructions",
     title="Instructions of an FX program",
     explanation="200 rungs LD X, OR M, ANI X, OUT M on the FX2N engine, from step 0 to END, in machine code "
@@ -106,19 +106,19 @@ _INSTRUCTIONS: Final = BenchPart(
     repetitions=5,
     measure=lazily("plant_sim.benchmark.fx_engine:measure_instructions"),
     figures={
-        "machine": BenchFigure("machine code", "ns CPU"),
-        "c": BenchFigure("C", "ns CPU", absent=_NO_GCC),
-        "c_ratio": BenchFigure("machine code to C", at_most=3, absent=_NO_GCC),
-        "shuffled": BenchFigure("random rungs, machine code", "ns CPU"),
-        "shuffled_c": BenchFigure("random rungs, C", "ns CPU", absent=_NO_GCC),
-        "shuffled_c_ratio": BenchFigure("random rungs, machine code to C", at_most=3, absent=_NO_GCC),
-        "call": BenchFigure("call", "ns CPU", absent=_NO_GCC),
-        "python": BenchFigure("Python functions", "ns CPU", at_most=8),
-        "interpreted": BenchFigure("interpreted", "ns CPU"),
-        "python_ratio": BenchFigure("interpreted to Python functions", at_least=10),
+        "machine": BenchmarkFigure("machine code", "ns CPU"),
+        "c": BenchmarkFigure("C", "ns CPU", absent=_NO_GCC),
+        "c_ratio": BenchmarkFigure("machine code to C", at_most=3, absent=_NO_GCC),
+        "shuffled": BenchmarkFigure("random rungs, machine code", "ns CPU"),
+        "shuffled_c": BenchmarkFigure("random rungs, C", "ns CPU", absent=_NO_GCC),
+        "shuffled_c_ratio": BenchmarkFigure("random rungs, machine code to C", at_most=3, absent=_NO_GCC),
+        "call": BenchmarkFigure("call", "ns CPU", absent=_NO_GCC),
+        "python": BenchmarkFigure("Python functions", "ns CPU", at_most=8),
+        "interpreted": BenchmarkFigure("interpreted", "ns CPU"),
+        "python_ratio": BenchmarkFigure("interpreted to Python functions", at_least=10),
     },
 )
-_COMPILATION: Final = BenchPart(
+_COMPILATION: Final = BenchmarkPart(
     name="compilation",
     title="Compilation",
     explanation="CPU time in a new process with an empty cache folder, for the program of the machine, its export for "
@@ -126,19 +126,19 @@ _COMPILATION: Final = BenchPart(
     repetitions=3,
     measure=lazily("plant_sim.benchmark.fx_engine:measure_compilation"),
     figures={
-        "program": BenchFigure("program of the machine", "s CPU", at_most=5),
-        "export": BenchFigure("FX export", "s CPU", at_most=5),
-        "changed_rung": BenchFigure("FX export after a changed rung", "s CPU"),
+        "program": BenchmarkFigure("program of the machine", "s CPU", at_most=5),
+        "export": BenchmarkFigure("FX export", "s CPU", at_most=5),
+        "changed_rung": BenchmarkFigure("FX export after a changed rung", "s CPU"),
     },
 )
-_ROWS: Final = BenchPart(
+_ROWS: Final = BenchmarkPart(
     name="rows",
     title="Rows of 1 km",
     explanation="`plant_sim line NAME --metres 1000` without the start of the process: one row of cabbage blocks whose "
     "falls are drawn from the packaged table, and two rows filled by the twin.",
     repetitions=3,
     measure=lazily("plant_sim.benchmark.rows:measure_rows"),
-    figures={name: BenchFigure(name, "s CPU", at_most=60) for name in ("cabbage", "pepper", "combined")},
+    figures={name: BenchmarkFigure(name, "s CPU", at_most=60) for name in ("cabbage", "pepper", "combined")},
 )
 
 PARTS: Final = (
@@ -155,7 +155,7 @@ PARTS: Final = (
 )
 
 
-def chosen_parts(names: Iterable[str]) -> tuple[BenchPart, ...]:
+def chosen_parts(names: Iterable[str]) -> tuple[BenchmarkPart, ...]:
     """Return the named parts in the order of `PARTS`; without names, those that are measured by default.
 
     Raises:

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from typing import Final
 
-from plant_sim.benchmark.part import BenchFigure, BenchPart, lazily
+from plant_sim.benchmark.part import BenchmarkFigure, BenchmarkPart, lazily
 
 _NO_CALM_SECOND: Final = "there was no second without steal time"
 
 
 def _late(
     key: str, name: str, *, most_ms: float | None = None, most_missed: float | None = None, absent: str = ""
-) -> dict[str, BenchFigure]:
+) -> dict[str, BenchmarkFigure]:
     """Return the three figures of the lateness of a loop."""
     return {
-        f"{key}_p99": BenchFigure(f"{name}, late in 99 % of cases", "ms", at_most=most_ms, absent=absent),
-        f"{key}_latest": BenchFigure(f"{name}, late at most", "ms", absent=absent),
-        f"{key}_missed": BenchFigure(f"{name}, missed", at_most=most_missed, absent=absent),
+        f"{key}_p99": BenchmarkFigure(f"{name}, late in 99 % of cases", "ms", at_most=most_ms, absent=absent),
+        f"{key}_latest": BenchmarkFigure(f"{name}, late at most", "ms", absent=absent),
+        f"{key}_missed": BenchmarkFigure(f"{name}, missed", at_most=most_missed, absent=absent),
     }
 
 
-_LATENESS: Final = BenchPart(
+_LATENESS: Final = BenchmarkPart(
     name="lateness",
     title="Lateness of the scans",
     explanation="Delay of the start of a scan, from the controller's histogram (the upper bound of the bucket: "
@@ -37,13 +37,13 @@ _LATENESS: Final = BenchPart(
         **_late("loaded", "scans with clients", most_ms=2, most_missed=0),
         **_late("calm", "scans with clients, calm seconds", absent=_NO_CALM_SECOND),
         **_late("beside", "bare loop beside them"),
-        "calm_s": BenchFigure("calm seconds", "s"),
-        "stolen": BenchFigure("steal time", "% of a processor"),
-        "answers": BenchFigure("answers to the clients", "1/s"),
-        "views": BenchFigure("views sent to the browsers", "1/s"),
+        "calm_s": BenchmarkFigure("calm seconds", "s"),
+        "stolen": BenchmarkFigure("steal time", "% of a processor"),
+        "answers": BenchmarkFigure("answers to the clients", "1/s"),
+        "views": BenchmarkFigure("views sent to the browsers", "1/s"),
     },
 )
-_MODBUS: Final = BenchPart(
+_MODBUS: Final = BenchmarkPart(
     name="modbus",
     title="Modbus",
     explanation="Reads per second, each of 64 registers, measured alternately with the pymodbus server over a plain "
@@ -51,15 +51,15 @@ _MODBUS: Final = BenchPart(
     repetitions=3,
     measure=lazily("plant_sim.benchmark.hmi:measure_rates"),
     figures={
-        "one": BenchFigure("one connection", "1/s"),
-        "one_reference": BenchFigure("one connection, pymodbus", "1/s"),
-        "one_ratio": BenchFigure("one connection, ratio", at_least=1),
-        "many": BenchFigure("eight connections", "1/s"),
-        "many_reference": BenchFigure("eight connections, pymodbus", "1/s"),
-        "many_ratio": BenchFigure("eight connections, ratio", at_least=1),
+        "one": BenchmarkFigure("one connection", "1/s"),
+        "one_reference": BenchmarkFigure("one connection, pymodbus", "1/s"),
+        "one_ratio": BenchmarkFigure("one connection, ratio", at_least=1),
+        "many": BenchmarkFigure("eight connections", "1/s"),
+        "many_reference": BenchmarkFigure("eight connections, pymodbus", "1/s"),
+        "many_ratio": BenchmarkFigure("eight connections, ratio", at_least=1),
     },
 )
-_MALFORMED: Final = BenchPart(
+_MALFORMED: Final = BenchmarkPart(
     name="malformed",
     title="Malformed frames",
     explanation="The server receives 20,000 mutated frames and 10,000 connections, half of which are reset, and must "
@@ -67,16 +67,16 @@ _MALFORMED: Final = BenchPart(
     repetitions=3,
     measure=lazily("plant_sim.benchmark.hmi:measure_malformed"),
     figures={
-        "answered": BenchFigure("frames answered"),
-        "memory_before": BenchFigure("memory of the controller before", "MB"),
-        "memory_after": BenchFigure("memory of the controller after", "MB"),
+        "answered": BenchmarkFigure("frames answered"),
+        "memory_before": BenchmarkFigure("memory of the controller before", "MB"),
+        "memory_after": BenchmarkFigure("memory of the controller after", "MB"),
     },
 )
 
 
-def _reaction(name: str, link: str, *, late_goal: float | None, **options: int) -> BenchPart:
+def _reaction(name: str, link: str, *, late_goal: float | None, **options: int) -> BenchmarkPart:
     """Return the part that measures the reaction over a link."""
-    return BenchPart(
+    return BenchmarkPart(
         name=name,
         title=f"Reaction, {link}, scan of {options['scan_ms']} ms",
         explanation="Time from an input edge to the output edge at the plant, with real processes for 15 s: the "
@@ -85,17 +85,17 @@ def _reaction(name: str, link: str, *, late_goal: float | None, **options: int) 
         repetitions=3,
         measure=lazily("plant_sim.benchmark.reaction:measure_reaction", **options),
         figures={
-            "median": BenchFigure("median", "ms"),
-            "median_scans": BenchFigure("median in scans", at_most=2),
-            "p99": BenchFigure("99th percentile", "ms"),
-            "p99_scans": BenchFigure("99th percentile in scans", at_most=3),
-            "longest": BenchFigure("longest", "ms"),
-            "edges": BenchFigure("edges"),
-            "missed": BenchFigure("missed edges"),
-            "late_p99": BenchFigure("lateness of the scans, 99th percentile", "ms"),
-            "bare_p99": BenchFigure("lateness of the bare loop, 99th percentile", "ms"),
-            "late_ratio": BenchFigure("lateness of the scans to that of the bare loop", at_most=late_goal),
-            "overruns": BenchFigure("overruns"),
+            "median": BenchmarkFigure("median", "ms"),
+            "median_scans": BenchmarkFigure("median in scans", at_most=2),
+            "p99": BenchmarkFigure("99th percentile", "ms"),
+            "p99_scans": BenchmarkFigure("99th percentile in scans", at_most=3),
+            "longest": BenchmarkFigure("longest", "ms"),
+            "edges": BenchmarkFigure("edges"),
+            "missed": BenchmarkFigure("missed edges"),
+            "late_p99": BenchmarkFigure("lateness of the scans, 99th percentile", "ms"),
+            "bare_p99": BenchmarkFigure("lateness of the bare loop, 99th percentile", "ms"),
+            "late_ratio": BenchmarkFigure("lateness of the scans to that of the bare loop", at_most=late_goal),
+            "overruns": BenchmarkFigure("overruns"),
         },
     )
 
@@ -107,15 +107,15 @@ _REACTIONS: Final = (
 )
 
 
-def _busy(key: str, name: str) -> dict[str, BenchFigure]:
+def _busy(key: str, name: str) -> dict[str, BenchmarkFigure]:
     return {
-        f"{key}_scans": BenchFigure(f"{name}, scans"),
+        f"{key}_scans": BenchmarkFigure(f"{name}, scans"),
         **_late(key, name),
-        f"{key}_aborted": BenchFigure(f"{name}, field link lost after", "s", absent="the field link held"),
+        f"{key}_aborted": BenchmarkFigure(f"{name}, field link lost after", "s", absent="the field link held"),
     }
 
 
-_BUSY_HOST: Final = BenchPart(
+_BUSY_HOST: Final = BenchmarkPart(
     name="busy-host",
     title="Scans on a busy computer",
     explanation="Plant and controller as processes, with a machine at work, beside eight computing processes per "

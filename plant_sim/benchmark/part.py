@@ -11,7 +11,7 @@ Measurement = Callable[[int], Mapping[str, float]]
 
 
 @dataclass(frozen=True, slots=True)
-class BenchFigure:
+class BenchmarkFigure:
     """Figure that a part measures.
 
     Attributes:
@@ -30,7 +30,7 @@ class BenchFigure:
 
 
 @dataclass(frozen=True, slots=True)
-class BenchPart:
+class BenchmarkPart:
     """Part of the benchmark, which does not depend on other parts.
 
     Attributes:
@@ -48,7 +48,7 @@ class BenchPart:
     explanation: str
     repetitions: int
     measure: Measurement
-    figures: Mapping[str, BenchFigure]
+    figures: Mapping[str, BenchmarkFigure]
     by_default: bool = True
 
 

@@ -9,7 +9,7 @@ from typing import Final
 
 from controller.common.extras import install_hint
 from plant_sim.benchmark.host import ProcessorTimes, processor_times
-from plant_sim.benchmark.part import BenchPart
+from plant_sim.benchmark.part import BenchmarkPart
 from plant_sim.benchmark.results.record import DISTURBED_PCT, FigureRecord, PartRecord
 
 MOST_REPETITIONS: Final = 20
@@ -17,7 +17,7 @@ Clock = Callable[[], ProcessorTimes]
 
 
 def run_parts(
-    parts: Iterable[BenchPart],
+    parts: Iterable[BenchmarkPart],
     *,
     seed: int,
     repetitions: int | None,
@@ -43,7 +43,7 @@ def run_parts(
     return records
 
 
-def _run(part: BenchPart, seed: int, repetitions: int, clock: Clock) -> PartRecord:
+def _run(part: BenchmarkPart, seed: int, repetitions: int, clock: Clock) -> PartRecord:
     load_average, began_s = os.getloadavg()[0], time.perf_counter()
     measured: list[Mapping[str, float]] = []
     stolen_pct = other_pct = 0.0
@@ -74,7 +74,7 @@ def _run(part: BenchPart, seed: int, repetitions: int, clock: Clock) -> PartReco
     )
 
 
-def _figures(part: BenchPart, measured: list[Mapping[str, float]], other_pct: float) -> dict[str, FigureRecord]:
+def _figures(part: BenchmarkPart, measured: list[Mapping[str, float]], other_pct: float) -> dict[str, FigureRecord]:
     unknown = {key for figures in measured for key in figures} - set(part.figures)
     if unknown:
         raise ValueError(f"unknown figures: {', '.join(sorted(unknown))}")

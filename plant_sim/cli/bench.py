@@ -12,7 +12,7 @@ from controller.common.command_line import HelpFormatter, version
 from controller.common.errors import InputError
 from plant_sim.benchmark import catalogue
 from plant_sim.benchmark.host import commit, host_record
-from plant_sim.benchmark.results.record import BenchRecord, PartRecord, read_record
+from plant_sim.benchmark.results.record import BenchmarkRecord, PartRecord, read_record
 from plant_sim.benchmark.results.text import failure_text, part_text, run_text
 from plant_sim.benchmark.runner import MOST_REPETITIONS, run_parts
 from plant_sim.cli.options import check_seed
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     if count is not None and not 1 <= count <= MOST_REPETITIONS:
         raise InputError(f"--repetitions {count}: must be 1 to {MOST_REPETITIONS}")
     parts = catalogue.chosen_parts(options.parts)
-    record = BenchRecord(
+    record = BenchmarkRecord(
         version=version(),
         commit=commit(),
         date=datetime.now().astimezone().isoformat(timespec="seconds"),

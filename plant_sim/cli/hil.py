@@ -13,9 +13,9 @@ from plant_sim.cli import connect, serve
 from plant_sim.cli.options import faults_of
 from plant_sim.cli.serving import build
 from plant_sim.hil.bench import Bench, BenchLimits
+from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, BenchRun, CaseResult, CaseVerdict
 from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.hil.report import junit, line, page, summary, write
-from plant_sim.hil.session import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict, Session
 from plant_sim.hil.timing_picture import timing_picture
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
@@ -98,7 +98,7 @@ def _judge_plc(options: argparse.Namespace) -> int:
 
 
 class _Judgement:
-    """Plant, bench and session of one run of the command.
+    """Plant, bench and cases of one run of the command.
 
     Attributes:
         module: I/O module.
@@ -115,7 +115,7 @@ class _Judgement:
         self._bench = Bench(
             self.module, self.machine, BenchLimits(stop_ms=options.stop_ms, margin_ms=options.margin_ms)
         )
-        self._session = Session(
+        self._run = BenchRun(
             self._bench,
             groups=options.cases or GROUPS,
             only=options.only,
@@ -124,19 +124,19 @@ class _Judgement:
         )
 
     def begin(self, server: PlantServer) -> None:
-        """Begin the session; the server ends with it."""
-        self._bench.play(self._session.story(), ended=server.end)
+        """Begin the run; the server ends with it."""
+        self._bench.play(self._run.procedure(), ended=server.end)
 
     def finish(self) -> int:
         """Write the reports and return the exit code."""
-        options, results = self._options, self._session.results
+        options, results = self._options, self._run.results
         time_base = f"lock step, {options.lock_step_ms} ms" if options.lock_step_ms else "real time"
         facts = (f"machine {options.machine}, seed {options.seed}, {options.trays} trays", time_base)
         timing = self.module.timing.lines()
-        about = ABOUT if self._session.is_complete else f"{ABOUT} ({STOPPED})"
+        about = ABOUT if self._run.is_complete else f"{ABOUT} ({STOPPED})"
         xml, html = junit(results, about=about), page(results, about=about, facts=[*facts, *timing], picture=self._draw)
         print(summary(results), *write(options.out, xml, html), sep="\n")
-        if not self._session.is_complete:
+        if not self._run.is_complete:
             print(STOPPED, file=sys.stderr)
             return INTERRUPTED
         return 1 if any(each.verdict is CaseVerdict.FAILED for each in results) else 0
@@ -170,7 +170,7 @@ def _reference_lost(options: argparse.Namespace, module: IoModule, machine: Mach
 
 
 def _check_folder(folder: Path) -> None:
-    """Report a folder that cannot be written before the session, not after it."""
+    """Report a folder that cannot be written before the run, not after it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

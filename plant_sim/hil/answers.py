@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from plant_sim.hil.bench import Bench
-from plant_sim.hil.story import Story
+from plant_sim.hil.procedure import Procedure
 
 LAMP: Final = "lamp_amber"
 PERIOD_MS: Final = 7_000
@@ -24,7 +24,7 @@ def has_lamp(bench: Bench) -> bool:
     return LAMP in bench.module.plant.indicators
 
 
-def answer(bench: Bench) -> Story:
+def answer(bench: Bench) -> Procedure:
     """Count the flashes of the lamp in two periods and answer the question truly; no effect without flashes."""
     if not has_lamp(bench):
         return

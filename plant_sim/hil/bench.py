@@ -1,4 +1,4 @@
-"""Bench: an I/O module whose controller is operated and judged in stories."""
+"""Bench: an I/O module whose controller is operated and judged in procedures."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Final
 from plant_sim.faults import FaultError, parse_fault
 from plant_sim.hil.figure import Figure
 from plant_sim.hil.machine_view import FLICKER_CHANGES, SIDES, MachineView
+from plant_sim.hil.procedure import CaseError, Condition, NotRunError, Procedure, Wait
 from plant_sim.hil.situations import SituationLog
-from plant_sim.hil.story import CaseError, Condition, NotRunError, Story, Wait
 from plant_sim.hil.trace import WireTrace
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
@@ -61,7 +61,7 @@ class Findings:
 
 
 class Bench:
-    """Operation and observation of the plant for the stories.
+    """Operation and observation of the plant for the procedures.
 
     Attributes:
         module: I/O module.
@@ -75,7 +75,7 @@ class Bench:
     """
 
     def __init__(self, module: IoModule, machine: Machine, limits: BenchLimits | None = None) -> None:
-        """Create the bench of a module; `play` starts a story.
+        """Create the bench of a module; `play` starts a procedure.
 
         Args:
             module: I/O module of the plant.
@@ -91,7 +91,7 @@ class Bench:
         self.forbidden = ""
         self.resting: frozenset[str] = frozenset()
         self._faults: list[str] = []
-        self._story: Story | None = None
+        self._procedure: Procedure | None = None
         self._wait: Wait | None = None
         self._ended: Callable[[], None] = lambda: None
         self._events_seen = 0
@@ -103,13 +103,13 @@ class Bench:
         """Plant time, ms."""
         return self.view.now_ms
 
-    def play(self, story: Story, *, ended: Callable[[], None]) -> None:
-        """Start a story; `ended` is called after its end."""
-        self._story, self._ended = story, ended
+    def play(self, procedure: Procedure, *, ended: Callable[[], None]) -> None:
+        """Start a procedure; `ended` is called after its end."""
+        self._procedure, self._ended = procedure, ended
         self._resume(None)
 
     def observe(self) -> None:
-        """Take over the state of the plant, check the rules and resume the story; called after every advance."""
+        """Take over the state of the plant, check the rules and resume the procedure; called after every advance."""
         self.view.update()
         self.trace.sample()
         self.situations.update()
@@ -123,18 +123,18 @@ class Bench:
                 return
 
     def _resume(self, value: bool | None) -> None:
-        story = self._story
-        if story is None:
+        procedure = self._procedure
+        if procedure is None:
             return
         try:
-            self._wait = next(story) if value is None else story.send(value)
+            self._wait = next(procedure) if value is None else procedure.send(value)
         except StopIteration:
-            self._story = self._wait = None
+            self._procedure = self._wait = None
             self._ended()
 
-    # --- actions of a story
+    # --- actions of a procedure
 
-    def until(self, condition: Condition, within_ms: int, what: str) -> Story:
+    def until(self, condition: Condition, within_ms: int, what: str) -> Procedure:
         """Wait for a condition.
 
         Raises:
@@ -148,11 +148,11 @@ class Bench:
         """Wait for a condition; return whether it was met in time."""
         return (yield Wait(condition, self.now_ms + within_ms))
 
-    def pause(self, for_ms: int) -> Story:
+    def pause(self, for_ms: int) -> Procedure:
         """Wait for a time, ms."""
         yield Wait(lambda: False, self.now_ms + for_ms)
 
-    def hold(self, button: str, for_ms: int) -> Story:
+    def hold(self, button: str, for_ms: int) -> Procedure:
         """Press a button for a time, then release it and wait 0.2 s."""
         setattr(self.module.plant.box, button, True)
         yield from self.pause(for_ms)

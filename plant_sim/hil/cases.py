@@ -12,8 +12,8 @@ from plant_sim.hil.answers import LAMP, answer, has_lamp
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.hil.figure import Figure
+from plant_sim.hil.procedure import CaseError, NotRunError, Procedure, Wait
 from plant_sim.hil.situations import OutputSituation
-from plant_sim.hil.story import CaseError, NotRunError, Story, Wait
 
 TRIAL_TRAYS: Final = 2
 """Trays of a trial. Source: docs/sources/machine.md 5."""
@@ -51,13 +51,13 @@ class Case(NamedTuple):
     Attributes:
         group: Group of the case in the report.
         name: Name of the case, unique in its group.
-        story: Function that returns the story of the case.
+        procedure: Function that returns the procedure of the case.
         starts: True if the machine must run at the beginning.
     """
 
     group: str
     name: str
-    story: Callable[[Bench], Story]
+    procedure: Callable[[Bench], Procedure]
     starts: bool = False
 
 
@@ -78,20 +78,20 @@ def stop_cases(situations: dict[OutputSituation, int]) -> Iterator[Case]:
     """Return an emergency stop in every situation, at half of its usual duration."""
     for situation, usual_ms in situations.items():
 
-        def story(bench: Bench, situation: OutputSituation = situation, at_ms: int = usual_ms // 2) -> Story:
+        def procedure(bench: Bench, situation: OutputSituation = situation, at_ms: int = usual_ms // 2) -> Procedure:
             yield from emergency_stop(bench, situation, at_ms)
 
-        yield Case("emergency stop", situation.title, story, starts=True)
+        yield Case("emergency stop", situation.title, procedure, starts=True)
 
 
 def fault_cases() -> Iterator[Case]:
     """Return one case for every class of faults."""
     for fault in FAULTS:
 
-        def story(bench: Bench, fault: str = fault) -> Story:
+        def procedure(bench: Bench, fault: str = fault) -> Procedure:
             yield from fault_class(bench, fault)
 
-        yield Case("fault", fault, story, starts=True)
+        yield Case("fault", fault, procedure, starts=True)
 
 
 def margin_cases() -> Iterator[Case]:
@@ -102,25 +102,25 @@ def margin_cases() -> Iterator[Case]:
 def no_case(group: str, only: str) -> Case:
     """Return a case that states that a group has none, so that this cannot be taken for a success."""
 
-    def story(bench: Bench) -> Story:
+    def procedure(bench: Bench) -> Procedure:
         yield from bench.pause(0)
         text = f"whose name contains {only!r}" if only else "because no situation recurred in the trial"
         raise NotRunError(f"no case {text}")
 
-    return Case(group, only or "every situation", story)
+    return Case(group, only or "every situation", procedure)
 
 
-# --- stories
+# --- procedures
 
 
-def power_up(bench: Bench) -> Story:
+def power_up(bench: Bench) -> Procedure:
     """Require that the controller writes its outputs, and switches nothing on for 3 s."""
     yield from bench.until(lambda: bench.view.is_driven, 60_000, "first write of the outputs")
     bench.forbid("before start was pressed")
     yield from bench.pause(3_000)
 
 
-def homing(bench: Bench) -> Story:
+def homing(bench: Bench) -> Procedure:
     """Press start; require the initial state, and that no seedling is picked; after power-up the claws are empty."""
     plant = bench.module.plant
     in_tray, works = plant.counts().in_tray, bool(bench.view.on)  # it works if it was brought back after a failure
@@ -129,7 +129,7 @@ def homing(bench: Bench) -> Story:
         bench.violate("unexpected start", f"{picked} seedlings picked while homing")
 
 
-def home(bench: Bench) -> Story:
+def home(bench: Bench) -> Procedure:
     """Press start until both arms rest at feed; three presses are permitted, as after an alarm.
 
     If the first press switches nothing on, the machine is cleared first: a PLC that ran before the plant was connected
@@ -151,7 +151,7 @@ def home(bench: Bench) -> Story:
     raise CaseError(f"both arms at feed: not within {bench.limits.home_ms / 1000:g} s of a press of start")
 
 
-def run(bench: Bench) -> Story:
+def run(bench: Bench) -> Procedure:
     """Press start until the machine works; the first press may home it."""
     bench.forbidden = ""
     for _ in range(4):
@@ -163,7 +163,7 @@ def run(bench: Bench) -> Story:
     raise CaseError(f"no seedling picked within {bench.limits.begin_ms / 1000:g} s of a press of start")
 
 
-def one_cycle(bench: Bench) -> Story:
+def one_cycle(bench: Bench) -> Procedure:
     """Press start; require the first 24 seedlings out of the tray and out of the claws."""
     begun_ms = bench.now_ms
     yield from bench.hold("start", 200)
@@ -177,7 +177,7 @@ def one_cycle(bench: Bench) -> Story:
     bench.findings.figures["first cycle"] = _seconds_since(bench, begun_ms)
 
 
-def trial(bench: Bench, reference_lost: int | None) -> Story:
+def trial(bench: Bench, reference_lost: int | None) -> Procedure:
     """Let the machine work until the seedlings of two trays are gone; judge the losses."""
     begun_ms = bench.now_ms
     gone = ("IN_CUP", "LOST_PICK", "LOST_CARRY", "LOST_THROW")
@@ -208,7 +208,7 @@ def most_lost(reference_lost: int) -> int:
     return round(reference_lost + 3 * math.sqrt(max(1, reference_lost)))
 
 
-def stop(bench: Bench) -> Story:
+def stop(bench: Bench) -> Procedure:
     """Press stop while the machine works; require that it comes to rest without letting seedlings fall."""
     yield from run(bench)
     bench.findings.mark_ms = bench.now_ms
@@ -219,7 +219,7 @@ def stop(bench: Bench) -> Story:
     bench.forbidden = ""
 
 
-def emergency_stop(bench: Bench, situation: OutputSituation, at_ms: int) -> Story:
+def emergency_stop(bench: Bench, situation: OutputSituation, at_ms: int) -> Procedure:
     """Press the emergency stop in a situation; require outputs off, no start by itself, and homing afterwards."""
     yield from bench.until(
         lambda: bench.situations.lasts(situation, at_ms), 3 * bench.limits.cycle_ms, f"situation {situation.title}"
@@ -228,7 +228,7 @@ def emergency_stop(bench: Bench, situation: OutputSituation, at_ms: int) -> Stor
     yield from home(bench)
 
 
-def stop_and_clear(bench: Bench) -> Story:
+def stop_and_clear(bench: Bench) -> Procedure:
     """Press the emergency stop, release it, and hold the stop button."""
     bench.press_emergency_stop()
     yield from bench.pause(2_000)
@@ -238,7 +238,7 @@ def stop_and_clear(bench: Bench) -> Story:
     yield from bench.pause(1_000)
 
 
-def fault_class(bench: Bench, fault: str) -> Story:
+def fault_class(bench: Bench, fault: str) -> Procedure:
     """Start a fault while the machine works; require no damage, and work again once it has been repaired.
 
     The machine may stop or go on. If it has not stopped within two cycles, the fault counts as tolerated.
@@ -258,7 +258,7 @@ def fault_class(bench: Bench, fault: str) -> Story:
     yield from run(bench)
 
 
-def margin(bench: Bench) -> Story:
+def margin(bench: Bench) -> Procedure:
     """Increase the dead time until the machine stops, does damage or loses more seedlings; judge the last good one.
 
     A dead time in both directions has the effect of a scan that is longer by twice this time at most.

@@ -1,4 +1,4 @@
-"""Reports of a session: text, JUnit XML, and HTML with a timing diagram of every case."""
+"""Reports of a run: text, JUnit XML, and HTML with a timing diagram of every case."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-from plant_sim.hil.session import CaseResult, CaseVerdict
+from plant_sim.hil.bench_run import CaseResult, CaseVerdict
 
 _STYLE: Final = (
     "body{font-family:sans-serif;max-width:70em;margin:2em auto;padding:0 1em}"

@@ -32,8 +32,11 @@ LONGEST_S: Final = 1.2
 
 _MM: Final = 1e3
 _ITERATIONS: Final = 20
+"""Passes of the solver over the contacts and joints in a step, which are solved one after another."""
 _SLOP_MM: Final = 0.02
+"""Overlap that the solver permits, mm, so that resting contacts persist from step to step."""
 _BIAS: Final = 5e-4
+"""Share of an overlap that is left after 1 s."""
 _GROUND, _GUIDE, _BLOCK = 1, 2, 3
 _PLATE_MM: Final = 2.0
 _PLATE_HEIGHT_MM: Final = 150.0
@@ -158,6 +161,7 @@ class _Drop:
             self._index = index
             if index <= self._free_step:
                 self._release(index * step_s)
+            # contacts act on the velocity; the position removes the drift of its integration
             guide.position, guide.velocity = path[index], speed
             self._space.step(step_s)
             if self._touched_mm is not None:
@@ -166,6 +170,7 @@ class _Drop:
                 frames.append(self._frame(index + 1))
             still = block.velocity.length < _REST_MM_S and abs(block.angular_velocity) < _REST_RAD_S
             resting = resting + 1 if still else 0
+            # a block can be pushed until the planter has risen above its stem
             rested = resting >= _REST_STEPS and path[index][1] > clear_mm
             if rested or abs(block.angle) > _LYING_RAD:
                 break
@@ -204,6 +209,7 @@ class _Drop:
         """Set the friction of the plates at a time since the start of the opening."""
         grip: GripSpec = self._planter.grip
         pivot, gear = self._grip
+        # two plates
         pivot.max_force = 2 * grip.friction * grip.force_n(since_s) * 1e3
         gear.max_force = pivot.max_force * _MEAN_RADIUS * _MM * self._planter.block.edge_m
 
@@ -218,6 +224,7 @@ class _Drop:
     def _after_touch(self) -> None:
         """Record the tilt, and add the loose soil after the first contact with the ground."""
         self._most_rad = max(self._most_rad, abs(self._block.angle))
+        # here and not in the callback of the contact, which pymunk calls within a step
         if not self._in_soil:
             add_soil(self._space, self._block, self._planter.block, self._ground)
             self._in_soil = True
@@ -306,5 +313,6 @@ def add_soil(space: pymunk.Space, body: pymunk.Body, spec: BlockSpec, ground: Gr
     slide = pymunk.GrooveJoint(space.static_body, body, (x, y - reach_mm), (x, y + reach_mm), anchor)
     turn = pymunk.GearJoint(space.static_body, body, body.angle, 1.0)
     slide.max_bias = turn.max_bias = 0.0
+    # N in mN, N m in mN mm
     slide.max_force, turn.max_force = ground.soil_n(spec) * 1e3, ground.soil_nm(spec) * 1e6
     space.add(slide, turn)

@@ -63,6 +63,7 @@ def set_ambient(c: Any) -> None:
     c.temperature_k = REFERENCE_K
     c.pressure_pa = ATMOSPHERE_PA
     c.mass_kg = 0.0
+    # no amount of air changes the ambient pressure
     c.stiffness = 0.0
     c.energy_j = c.heat_j = c.work_j = 0.0
     c.density_kg_m3 = ATMOSPHERE_PA / (GAS_CONSTANT * REFERENCE_K)
@@ -96,9 +97,11 @@ def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical
     down_stiffness = down.stiffness * _warmth(up.temperature_k, down.temperature_k, gas)
     turns = gas.step_s * (grows * up.stiffness + falls * down_stiffness)
     mass_kg: float = gas.step_s * kg_s * implicit_factor(turns)
+    # the mass that equalises the pressures: a step may reach it but not pass it (docs/sources/plant.md 3.3)
     levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down_stiffness)
     if gas.thermal != 0:
         mass_kg = min(mass_kg, levels_kg)
+    # the share exceeds 0.2 for every pressure rise that occurs, so most steps compute neither a bound nor a power
     elif mass_kg > 0.2 * levels_kg and not _is_below_any_share(down, mass_kg, levels_kg):
         mass_kg = min(mass_kg, levels_kg * _nonlinear_share(down, levels_kg))
     move(up, down, mass_kg, gas)
@@ -175,6 +178,7 @@ def _move_implicitly(up: Any, down: Any, mass_kg: float) -> None:
     """
     heat_j = HEAT_P * mass_kg
     if up.stiffness > 0.0:
+        # temperature after the transfer: the solution T of energy - HEAT_P moved T = HEAT_V remaining T
         heat_j *= up.energy_j / (HEAT_V * (up.mass_kg - mass_kg) + HEAT_P * mass_kg)
     else:
         heat_j *= up.temperature_k  # the ambient air
@@ -238,6 +242,7 @@ def resize(c: Any, volume_m3: float, gas: Any) -> None:
     if volume_m3 == c.volume_m3:
         return
     before_m3 = c.volume_m3
+    # implicit midpoint rule of dp/p = -n dV/V: moving the piston back restores the pressure (docs/sources/plant.md 1.2)
     half = 0.5 * gas.exponent * (before_m3 - volume_m3)
     middle_m3 = 0.5 * (before_m3 + volume_m3)
     pressure_pa = c.pressure_pa * (middle_m3 + half) / (middle_m3 - half)
@@ -257,6 +262,7 @@ def settle(c: Any, wall: Any, gas: Any) -> None:
         temperature_k = _polytropic_k(c.temperature_k, c.density_kg_m3, density_kg_m3, gas)
     else:
         wall_j_k = gas.wall_w_m2_k * (wall.m2 + wall.per_m3 * c.volume_m3) * gas.step_s
+        # implicit in the temperature, so that an almost empty chamber does not overshoot the wall
         temperature_k = (c.energy_j + wall_j_k * REFERENCE_K) / (c.mass_kg * HEAT_V + wall_j_k)
     c.temperature_k = temperature_k
     c.density_kg_m3 = density_kg_m3

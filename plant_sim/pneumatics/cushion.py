@@ -28,6 +28,7 @@ def move_plunger(n: Any, params: Any, cushion_m: float, from_end_m: float, volum
     closed_m3: float = params.cushion_m3 + params.cushion_m2 * from_end_m
     if cushion.volume_m3 <= 0.0:
         _close_off(chamber, cushion, closed_m3 / volume_m3)
+    # before it opens, so that the last part of the motion also changes the pressure of the cushion
     resize(cushion, closed_m3, gas)
     if from_end_m >= cushion_m:
         resize(chamber, volume_m3 - closed_m3, gas)
@@ -59,6 +60,7 @@ def _close_off(chamber: Any, cushion: Any, share: float) -> None:
     cushion.volume_m3, chamber.volume_m3 = share * chamber.volume_m3, (1.0 - share) * chamber.volume_m3
     cushion.mass_kg, chamber.mass_kg = share * chamber.mass_kg, (1.0 - share) * chamber.mass_kg
     cushion.energy_j, chamber.energy_j = share * chamber.energy_j, (1.0 - share) * chamber.energy_j
+    # the same amount of air raises the pressure more in less volume
     cushion.stiffness, chamber.stiffness = chamber.stiffness / share, chamber.stiffness / (1.0 - share)
     cushion.temperature_k, cushion.pressure_pa = chamber.temperature_k, chamber.pressure_pa
     cushion.density_kg_m3 = chamber.density_kg_m3
@@ -68,6 +70,8 @@ def _close_off(chamber: Any, cushion: Any, share: float) -> None:
 def _unite(chamber: Any, cushion: Any, gas: Any) -> None:
     """Return the air of the cushion to the chamber; mass and energy are conserved."""
     mass_kg, volume_m3 = chamber.mass_kg + cushion.mass_kg, chamber.volume_m3 + cushion.volume_m3
+    # energy is mass times temperature and also pressure times volume: hence temperatures weighted by mass, pressures by
+    # volume
     share = cushion.mass_kg / mass_kg
     filled = cushion.volume_m3 / volume_m3
     chamber.pressure_pa += filled * (cushion.pressure_pa - chamber.pressure_pa)

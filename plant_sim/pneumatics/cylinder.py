@@ -174,6 +174,7 @@ def remains_at_rest(c: Any, manifold: Any) -> bool:
 @compiled
 def _push_n(c: Any, params: Any) -> float:
     """Return the force of the air on the piston, N, positive away from 0."""
+    # the atmosphere acts on the rod where it leaves the cylinder
     rod_m2 = params.plus_area_m2 - params.minus_area_m2
     push_n: float = (
         c.plus.chamber.pressure_pa * params.plus_area_m2
@@ -228,9 +229,11 @@ def _move(c: Any, params: Any, push_n: float, step_s: float) -> None:
         speed_m_s = speed_after_friction_m_s(
             params.friction, free_m_s, c.speed_m_s, mass_kg * eased, step_s, _brake_n(c, params)
         )
+        # otherwise the load would approach its balance with the bumper for ever, and never be at rest
         if bumper_n != 0.0 and abs(speed_m_s) < _STILL_M_S:
             speed_m_s = 0.0
     over_m = _over_m(params)
+    # semi-implicit: the position follows the new speed (docs/sources/plant.md 3.2)
     c.speed_m_s, c.position_m = _stopped(
         speed_m_s, c.position_m + step_s * speed_m_s, -over_m, params.stroke_m + over_m
     )
@@ -246,6 +249,7 @@ def _move_coupled(c: Any, params: Any, push_n: float, step_s: float) -> None:
     """
     lag_m = c.piston_m - c.position_m
     if c.decoupled != 0:
+        # the magnet couples again only if the piston passes slowly (docs/sources/plant.md 1.8)
         near = abs(lag_m) * params.magnet_n_m <= params.magnet_holds_n
         if near and abs(c.piston_m_s - c.speed_m_s) <= params.recouples_m_s:
             c.decoupled = 0
@@ -254,6 +258,7 @@ def _move_coupled(c: Any, params: Any, push_n: float, step_s: float) -> None:
     pull_n, give = 0.0, 0.0
     if c.decoupled == 0:
         pull_n = params.magnet_n_m * lag_m
+        # the lag at the end of the step is larger by the step times the difference of the speeds
         give = step_s * params.magnet_n_m + params.magnet_n_s_m
     piston_s_kg, load_s_kg = step_s / params.piston_kg, step_s / params.load_kg
     bumper_n, bumper_give = _bumper(c, params, step_s)

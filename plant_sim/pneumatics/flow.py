@@ -60,6 +60,7 @@ def flow(
         falls = past / ((1.0 - critical_ratio) * root)
         return gain * up_pa * root, gain * (root + ratio * falls), gain * falls
     past = (LAMINAR_RATIO - critical_ratio) / (1.0 - critical_ratio)
+    # from continuity at the limit (docs/sources/plant.md 1.1); the square root has no finite slope at equal pressures
     slope = gain * math.sqrt(1.0 - past * past) / (1.0 - LAMINAR_RATIO)
     return slope * (up_pa - down_pa), slope, slope
 
@@ -74,6 +75,7 @@ def flows(up_pa: Any, down_pa: Any, conductance_m3_s_pa: Any, critical_ratio: An
     ratio = down_pa / up_pa
     choked, turbulent = ratio <= critical_ratio, ratio < LAMINAR_RATIO
     past = (select(turbulent, ratio, LAMINAR_RATIO) - critical_ratio) / (1.0 - critical_ratio)
+    # the root of a choked lane may be nan; it is not selected
     shape = root(1.0 - past * past)
     falls = past / ((1.0 - critical_ratio) * shape)
     slope = gain * shape / (1.0 - LAMINAR_RATIO)
@@ -114,6 +116,7 @@ def in_series(
         falls = first_ratio * bend
         between = (falls + math.sqrt(wider * wider * (1.0 - first_ratio * falls) + bend)) / (wider * wider + bend)
         conductance_m3_s_pa = second_m3_s_pa * between
+        # a first restriction without pressure drop; `1.0 - past` below would be 0
         if between > 1.0 - _ROUNDING:
             return second_m3_s_pa, second_ratio
     # the point of agreement: half of the pressure drop at which the series is choked is left at the first restriction

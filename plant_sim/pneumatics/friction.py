@@ -33,6 +33,7 @@ def speed_after_friction_m_s(
     """
     falls_n = params.static_n - params.coulomb_n
     impulse_n_s = mass_kg * abs(free_m_s) - step_s * (params.coulomb_n + brake_n)
+    # from rest, or at a reversal, the force must exceed static friction
     slips = impulse_n_s > step_s * falls_n
     if impulse_n_s <= 0.0 or not (slips or speed_m_s * free_m_s > 0.0):
         return 0.0
@@ -40,6 +41,7 @@ def speed_after_friction_m_s(
     inertia_kg = mass_kg + step_s * params.viscous_n_s_m
     half = 0.5 * (impulse_n_s / inertia_kg - params.stribeck_m_s)
     squared = half * half + params.stribeck_m_s * (impulse_n_s - step_s * falls_n) / inertia_kg
+    # friction falls too steeply with the speed: no speed after the step is in balance, so the motion sticks
     if squared < 0.0:
         return 0.0
     return math.copysign(max(half + math.sqrt(squared), 0.0), free_m_s)

@@ -79,6 +79,7 @@ def line_is_at_rest(n: Any, params: Any, spool: float, manifold: Any) -> bool:
     if lacks_supply(n, manifold) if spool > 0.0 else abs(tube.pressure_pa - ATMOSPHERE_PA) > _STILL_PA:
         return False
     if params.checked:
+        # a closed check valve holds the air only against a lower pressure in the tube
         return bool(spool == 0.0 and n.piloted == 0 and chamber.pressure_pa > tube.pressure_pa)
     return bool(abs(chamber.pressure_pa - tube.pressure_pa) <= _STILL_PA)
 
@@ -156,6 +157,7 @@ def _fitting(n: Any, params: Any, pilot_pa: float) -> tuple[float, float]:
     """
     tube, chamber = n.tube, n.chamber
     gauge_pa = chamber.pressure_pa - ATMOSPHERE_PA
+    # the pilot must reach both limits (docs/sources/plant.md 1.9)
     least_pa = max(params.pilot_ratio * gauge_pa, params.pilot_least_pa)
     n.piloted = 1 if params.checked == 0 or pilot_pa - ATMOSPHERE_PA >= least_pa else 0
     crack_pa, onward = 0.0 if n.piloted else params.crack_pa, params.free_m3_s_pa
@@ -269,6 +271,7 @@ def _solve(
     a12 = -step_s * in_share * in_falls * on_stiffness
     a21 = -step_s * on_share * on_grows * in_stiffness
     a22 = 1.0 + on_share * on_turns
+    # the determinant is at least 1: no slope is negative, and the product a12 a21 is one of the terms of a11 a22
     by = step_s / (a11 * a22 - a12 * a21)
     in_kg = by * (a22 * in_kg_s - a12 * on_kg_s)
     on_kg = by * (a11 * on_kg_s - a21 * in_kg_s)

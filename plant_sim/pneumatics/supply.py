@@ -78,6 +78,7 @@ def step_supply(s: Any, params: Any, fed: bool, gas: Any) -> None:
     step_s, critical = gas.step_s, params.critical_ratio
     _compress(s, params, step_s)
     _regulate(s.receiver, s.header, s.outside, params, params.regulated_pa, params.regulator_m3_s_pa, gas)
+    # the claws keep their air when the receiver is empty, so that nothing gripped is dropped
     check(s.receiver, s.claw_reservoir, params.crack_pa, params.check_m3_s_pa, critical, gas)
     check(s.claw_reservoir, s.receiver, 0.0, params.slip_m3_s_pa, critical, gas)
     _regulate(
@@ -91,6 +92,7 @@ def step_supply(s: Any, params: Any, fed: bool, gas: Any) -> None:
     )
     s.fed_s = s.fed_s + step_s if fed else 0.0
     if s.fed_s > params.dump_delay_s:
+        # latched until the supply is cut: a later drop of the pressure does not throttle a working machine
         if s.manifold.pressure_pa >= params.soft_until * s.header.pressure_pa:
             s.soft_started = 1
         through = params.main_m3_s_pa if s.soft_started else params.soft_m3_s_pa

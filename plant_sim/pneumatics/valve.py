@@ -57,6 +57,7 @@ _ROUNDING_S = 1e-9
 @compiled
 def step_valve(v: Any, params: Any, plus: bool, minus: bool, step_s: float) -> None:
     """Advance by one time step; opposite coils cancel each other."""
+    # a pilot acts within the step: time from then to the end of the step, in which the change already travels
     late_s = 0.0
     if plus == (v.plus_acts != 0):
         v.plus_pending_s = 0.0
@@ -77,6 +78,7 @@ def step_valve(v: Any, params: Any, plus: bool, minus: bool, step_s: float) -> N
             v.minus_pending_s = 0.0
             late_s = max(late_s, past_s)
     wish = float(v.plus_acts - v.minus_acts)
+    # a latching valve keeps its position if neither pilot acts, or both do
     sends = wish != v.sent and (params.latching == 0 or wish != 0.0)
     moves_s = step_s
     if sends or v.waves != 0:
@@ -102,6 +104,7 @@ def _pass_waves(v: Any, tube_s: float, sends: bool, wish: float, step_s: float) 
     """
     for number in range(v.waves):
         v.arrives_s[number] -= step_s
+    # if the tube is full, `sent` still differs from the wish and the change is sent in a later step
     if sends and v.waves < WAVES:
         v.arrives_s[v.waves] = tube_s
         v.sends[v.waves] = wish
@@ -123,6 +126,7 @@ def _pass_waves(v: Any, tube_s: float, sends: bool, wish: float, step_s: float) 
 @inlined
 def supply_opening(spool: float) -> float:
     """Return the opening of a port to the supply, 0 to 1; `spool` is positive towards this port."""
+    # the first half of the travel closes the exhaust, the second opens the supply: never both at once
     return min(max(2.0 * spool - 1.0, 0.0), 1.0)
 
 

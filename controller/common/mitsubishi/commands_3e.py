@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from controller.common.mitsubishi.devices import BY_CODE_3E, BY_TEXT_3E, KINDS, Device
-from controller.common.mitsubishi.fields import FieldReader, FieldWriter, parsed
+from controller.common.mitsubishi.framing import FrameReader, FrameWriter, parsed
 from controller.common.mitsubishi.requests import (
     FrameError,
     ReadBits,
@@ -70,7 +70,7 @@ _NAME_BYTES: Final = 16
 _LOOPBACK_BYTES: Final = 960
 
 
-def write_request(writer: FieldWriter, request: Request) -> None:
+def write_request(writer: FrameWriter, request: Request) -> None:
     """Append command, subcommand and data of a request."""
     writer.numbers(COMMANDS[type(request)], 2)
     match request:
@@ -95,7 +95,7 @@ def write_request(writer: FieldWriter, request: Request) -> None:
             writer.raw(data)
 
 
-def read_request(reader: FieldReader) -> Request:
+def read_request(reader: FrameReader) -> Request:
     """Return the request that consists of the remaining fields, from the command on.
 
     Raises:
@@ -111,7 +111,7 @@ def read_request(reader: FieldReader) -> Request:
     return request
 
 
-def write_reply(writer: FieldWriter, request: Request, reply: Reply) -> None:
+def write_reply(writer: FrameWriter, request: Request, reply: Reply) -> None:
     """Append the data of a reply."""
     if isinstance(reply, TypeName):
         writer.raw(reply.name.encode().ljust(_NAME_BYTES))
@@ -127,7 +127,7 @@ def write_reply(writer: FieldWriter, request: Request, reply: Reply) -> None:
         writer.numbers(reply[words:], 4)
 
 
-def read_reply(reader: FieldReader, request: Request) -> Reply:
+def read_reply(reader: FrameReader, request: Request) -> Reply:
     """Return the reply that consists of the remaining fields.
 
     Raises:
@@ -153,7 +153,7 @@ def read_reply(reader: FieldReader, request: Request) -> Reply:
     return reply
 
 
-def _put_device(writer: FieldWriter, device: Device) -> None:
+def _put_device(writer: FrameWriter, device: Device) -> None:
     kind = KINDS[device.kind]
     if writer.is_ascii:
         number = f"{device.number:06X}" if kind.is_hexadecimal else f"{device.number:06d}"
@@ -163,12 +163,12 @@ def _put_device(writer: FieldWriter, device: Device) -> None:
         writer.number(kind.code_3e, 1)
 
 
-def _put_head(writer: FieldWriter, first: Device, count: int) -> None:
+def _put_head(writer: FrameWriter, first: Device, count: int) -> None:
     _put_device(writer, first)
     writer.number(count, 2)
 
 
-def _put_random(writer: FieldWriter, request: ReadRandom | WriteRandomBits | WriteRandomWords) -> None:
+def _put_random(writer: FrameWriter, request: ReadRandom | WriteRandomBits | WriteRandomWords) -> None:
     match request:
         case ReadRandom(words, double_words):
             writer.numbers((len(words), len(double_words)), 1)
@@ -183,7 +183,7 @@ def _put_random(writer: FieldWriter, request: ReadRandom | WriteRandomBits | Wri
             _put_values(writer, double_pairs, 4)
 
 
-def _put_blocks(writer: FieldWriter, request: ReadBlocks | WriteBlocks) -> None:
+def _put_blocks(writer: FrameWriter, request: ReadBlocks | WriteBlocks) -> None:
     blocks: tuple[ReadWords | WriteWords, ...] = (*request.word_blocks, *request.bit_blocks)
     writer.numbers((len(request.word_blocks), len(request.bit_blocks)), 1)
     for block in blocks:
@@ -194,13 +194,13 @@ def _put_blocks(writer: FieldWriter, request: ReadBlocks | WriteBlocks) -> None:
             writer.numbers(block.values, 2)
 
 
-def _put_values(writer: FieldWriter, pairs: Sequence[tuple[Device, int]], size: int) -> None:
+def _put_values(writer: FrameWriter, pairs: Sequence[tuple[Device, int]], size: int) -> None:
     for device, value in pairs:
         _put_device(writer, device)
         writer.number(int(value), size)
 
 
-def _device(reader: FieldReader) -> Device:
+def _device(reader: FrameReader) -> Device:
     if reader.is_ascii:
         text, digits = reader.raw(2).decode("ascii", "replace"), reader.raw(6).lstrip(b" ")
         kind = BY_TEXT_3E.get(text)
@@ -213,14 +213,14 @@ def _device(reader: FieldReader) -> Device:
     return Device(BY_CODE_3E[code].name, number)
 
 
-def _head(reader: FieldReader, limit: int, code: int) -> tuple[Device, int]:
+def _head(reader: FrameReader, limit: int, code: int) -> tuple[Device, int]:
     """Return first device and count of a batch command."""
     first, count = _device(reader), reader.number(2)
     _check_count(reader, count, limit, code)
     return first, count
 
 
-def _check_count(reader: FieldReader, count: int, limit: int, code: int) -> None:
+def _check_count(reader: FrameReader, count: int, limit: int, code: int) -> None:
     if not 1 <= count <= limit // (1 + reader.is_ascii):
         raise RequestError(code)
 
@@ -230,35 +230,35 @@ def _require_bits(device: Device) -> None:
         raise RequestError(WRONG_CONTENTS)
 
 
-def _read_bits(reader: FieldReader) -> Request:
+def _read_bits(reader: FrameReader) -> Request:
     first, count = _head(reader, _BITS, TOO_MANY_BITS)
     _require_bits(first)
     return ReadBits(first, count)
 
 
-def _read_words(reader: FieldReader) -> Request:
+def _read_words(reader: FrameReader) -> Request:
     return ReadWords(*_head(reader, _WORDS, TOO_MANY_WORDS))
 
 
-def _write_bits(reader: FieldReader) -> Request:
+def _write_bits(reader: FrameReader) -> Request:
     first, count = _head(reader, _BITS, TOO_MANY_BITS)
     _require_bits(first)
     return WriteBits(first, reader.bits(count))
 
 
-def _write_words(reader: FieldReader) -> Request:
+def _write_words(reader: FrameReader) -> Request:
     first, count = _head(reader, _WORDS, TOO_MANY_WORDS)
     return WriteWords(first, reader.numbers(count, 2))
 
 
-def _read_random(reader: FieldReader) -> Request:
+def _read_random(reader: FrameReader) -> Request:
     words, double_words = reader.numbers(2, 1)
     _check_count(reader, words + double_words, _RANDOM_WORDS_READ, TOO_MANY_RANDOM_WORDS)
     devices = tuple(_device(reader) for _ in range(words + double_words))
     return ReadRandom(devices[:words], devices[words:])
 
 
-def _write_random_bits(reader: FieldReader) -> Request:
+def _write_random_bits(reader: FrameReader) -> Request:
     count = reader.number(1)
     _check_count(reader, count, _RANDOM_BITS, TOO_MANY_RANDOM_BITS)
     pairs = tuple((_device(reader), reader.number(1)) for _ in range(count))
@@ -269,7 +269,7 @@ def _write_random_bits(reader: FieldReader) -> Request:
     return WriteRandomBits(tuple((device, bool(level)) for device, level in pairs))
 
 
-def _write_random_words(reader: FieldReader) -> Request:
+def _write_random_words(reader: FrameReader) -> Request:
     words, double_words = reader.numbers(2, 1)
     cost = _WORD_COST * words + _DOUBLE_WORD_COST * double_words
     _check_count(reader, cost, _RANDOM_COST, TOO_MANY_RANDOM_WORDS)
@@ -277,13 +277,13 @@ def _write_random_words(reader: FieldReader) -> Request:
     return WriteRandomWords(pairs, tuple((_device(reader), reader.number(4)) for _ in range(double_words)))
 
 
-def _block_counts(reader: FieldReader) -> tuple[int, int]:
+def _block_counts(reader: FrameReader) -> tuple[int, int]:
     word_blocks, bit_blocks = reader.numbers(2, 1)
     _check_count(reader, word_blocks + bit_blocks, _BLOCKS, TOO_MANY_BLOCKS)
     return word_blocks, bit_blocks
 
 
-def _check_blocks(reader: FieldReader, devices: Sequence[Device], word_blocks: int, points: int) -> None:
+def _check_blocks(reader: FrameReader, devices: Sequence[Device], word_blocks: int, points: int) -> None:
     if any(KINDS[device.kind].is_bit for device in devices[:word_blocks]):
         raise RequestError(WRONG_CONTENTS)
     for device in devices[word_blocks:]:
@@ -291,14 +291,14 @@ def _check_blocks(reader: FieldReader, devices: Sequence[Device], word_blocks: i
     _check_count(reader, points, _WORDS, TOO_MANY_WORDS)
 
 
-def _read_blocks(reader: FieldReader) -> Request:
+def _read_blocks(reader: FrameReader) -> Request:
     word_blocks, bit_blocks = _block_counts(reader)
     blocks = tuple(ReadWords(*_head(reader, _WORDS, TOO_MANY_WORDS)) for _ in range(word_blocks + bit_blocks))
     _check_blocks(reader, [block.first for block in blocks], word_blocks, sum(block.count for block in blocks))
     return ReadBlocks(blocks[:word_blocks], blocks[word_blocks:])
 
 
-def _write_blocks(reader: FieldReader) -> Request:
+def _write_blocks(reader: FrameReader) -> Request:
     word_blocks, bit_blocks = _block_counts(reader)
     blocks = []
     for _ in range(word_blocks + bit_blocks):
@@ -308,17 +308,17 @@ def _write_blocks(reader: FieldReader) -> Request:
     return WriteBlocks(tuple(blocks[:word_blocks]), tuple(blocks[word_blocks:]))
 
 
-def _remote_run(reader: FieldReader) -> Request:
+def _remote_run(reader: FrameReader) -> Request:
     reader.numbers(2, 2)  # mode, and clear mode with a reserved byte: the memory is not cleared
     return RemoteRun()
 
 
-def _remote_stop(reader: FieldReader) -> Request:
+def _remote_stop(reader: FrameReader) -> Request:
     reader.number(2)
     return RemoteStop()
 
 
-def _self_test(reader: FieldReader) -> Request:
+def _self_test(reader: FrameReader) -> Request:
     size = reader.number(2)
     if not 1 <= size <= _LOOPBACK_BYTES:
         raise RequestError(WRONG_CONTENTS)

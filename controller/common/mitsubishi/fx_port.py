@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from controller.common.mitsubishi.fields import DigitError, parsed
+from controller.common.mitsubishi.framing import DigitError, parsed
 from controller.common.mitsubishi.requests import FrameError
 
 STX, ETX, ENQ, ACK, NAK = b"\x02", b"\x03", b"\x05", b"\x06", b"\x15"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.common.mitsubishi.devices import BY_CODE_1E, KINDS, Device
-from controller.common.mitsubishi.fields import DigitError, FieldReader, FieldWriter, ShortFrameError
+from controller.common.mitsubishi.framing import DigitError, FrameReader, FrameWriter, ShortFrameError
 from controller.common.mitsubishi.requests import (
     BITS_PER_WORD,
     FrameError,
@@ -111,7 +111,7 @@ class Frame1E:
         """
         scale = 1 + self.is_ascii
         try:
-            reader = FieldReader(data, is_ascii=self.is_ascii)
+            reader = FrameReader(data, is_ascii=self.is_ascii)
             subheader = reader.number(1)
             if subheader not in SUBHEADERS.values():
                 return len(data)
@@ -140,7 +140,7 @@ class Frame1E:
         scale = 1 + self.is_ascii
         if len(data) < 2 * scale:
             return None
-        code = FieldReader(data[scale:], is_ascii=self.is_ascii).number(1)
+        code = FrameReader(data[scale:], is_ascii=self.is_ascii).number(1)
         if code:
             return (4 if code == NOT_PROCESSED else 2) * scale
         match request:
@@ -189,7 +189,7 @@ class Frame1E:
         Raises:
             RequestError: The request is answered with an end code.
         """
-        reader = FieldReader(frame, is_ascii=self.is_ascii)
+        reader = FrameReader(frame, is_ascii=self.is_ascii)
         try:
             subheader, pc, _ = reader.number(1), reader.number(1), reader.number(2)
             if subheader not in SUBHEADERS.values():
@@ -222,7 +222,7 @@ class Frame1E:
     def encode_error(self, frame: bytes, error: RequestError) -> bytes:
         """Return the frame that refuses a request; its subheader is that of the request."""
         try:
-            subheader = FieldReader(frame, is_ascii=self.is_ascii).number(1)
+            subheader = FrameReader(frame, is_ascii=self.is_ascii).number(1)
         except FrameError:
             subheader = 0
         writer = self._writer((subheader | _RESPONSE) & 0xFF)
@@ -239,7 +239,7 @@ class Frame1E:
             RefusedError: The reply contains an end code other than 0.
             FrameError: The frame is not a reply to this request.
         """
-        reader = FieldReader(frame, is_ascii=self.is_ascii)
+        reader = FrameReader(frame, is_ascii=self.is_ascii)
         if reader.number(1) != SUBHEADERS[type(request)] | _RESPONSE:
             raise FrameError(f"{frame.hex(' ')}: not a reply to {type(request).__name__}")
         code = reader.number(1)
@@ -260,13 +260,13 @@ class Frame1E:
             raise FrameError(f"{frame.hex(' ')}: {reader.left} bytes too many")
         return reply
 
-    def _writer(self, subheader: int) -> FieldWriter:
-        writer = FieldWriter(is_ascii=self.is_ascii)
+    def _writer(self, subheader: int) -> FrameWriter:
+        writer = FrameWriter(is_ascii=self.is_ascii)
         writer.number(subheader, 1)
         return writer
 
 
-def _put_device(writer: FieldWriter, device: Device) -> None:
+def _put_device(writer: FrameWriter, device: Device) -> None:
     code = KINDS[device.kind].code_1e
     if code is None:
         raise RequestError(WRONG_DEVICE)
@@ -275,7 +275,7 @@ def _put_device(writer: FieldWriter, device: Device) -> None:
         writer.number(value, size)
 
 
-def _device(reader: FieldReader) -> Device:
+def _device(reader: FrameReader) -> Device:
     if reader.is_ascii:
         code, number = reader.number(2), reader.number(4)
     else:
@@ -285,7 +285,7 @@ def _device(reader: FieldReader) -> Device:
     return Device(BY_CODE_1E[code].name, number)
 
 
-def _put_batch(writer: FieldWriter, first: Device, count: int) -> None:
+def _put_batch(writer: FrameWriter, first: Device, count: int) -> None:
     _put_device(writer, first)
     if not 1 <= count <= _BITS_READ:
         raise RequestError(TOO_MANY_POINTS)
@@ -293,7 +293,7 @@ def _put_batch(writer: FieldWriter, first: Device, count: int) -> None:
     writer.number(0, 1)
 
 
-def _put_random(writer: FieldWriter, pairs: tuple[tuple[Device, int], ...], size: int) -> None:
+def _put_random(writer: FrameWriter, pairs: tuple[tuple[Device, int], ...], size: int) -> None:
     writer.number(len(pairs), 1)
     writer.number(0, 1)
     for device, value in pairs:
@@ -301,7 +301,7 @@ def _put_random(writer: FieldWriter, pairs: tuple[tuple[Device, int], ...], size
         writer.number(int(value), size)
 
 
-def _batch(reader: FieldReader, subheader: int) -> Request:
+def _batch(reader: FrameReader, subheader: int) -> Request:
     first, count = _device(reader), reader.number(1) or 256
     reader.number(1)
     is_write = subheader >= SUBHEADERS[WriteBits]
@@ -318,7 +318,7 @@ def _batch(reader: FieldReader, subheader: int) -> Request:
     return WriteWords(first, reader.numbers(count, 2)) if is_write else ReadWords(first, count)
 
 
-def _other(reader: FieldReader, subheader: int) -> Request:
+def _other(reader: FrameReader, subheader: int) -> Request:
     if subheader == SUBHEADERS[WriteRandomBits]:
         bits = _random(reader, 1, _BITS_AT_RANDOM)
         for device, level in bits:
@@ -344,7 +344,7 @@ def _other(reader: FieldReader, subheader: int) -> Request:
     return RemoteStop() if subheader == SUBHEADERS[RemoteStop] else ReadTypeName()
 
 
-def _random(reader: FieldReader, size: int, limit: int) -> tuple[tuple[Device, int], ...]:
+def _random(reader: FrameReader, size: int, limit: int) -> tuple[tuple[Device, int], ...]:
     count = reader.number(1)
     reader.number(1)
     if not 1 <= count <= limit:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.common.mitsubishi.commands_3e import WRONG_LENGTH, read_reply, read_request, write_reply, write_request
-from controller.common.mitsubishi.fields import DigitError, FieldReader, FieldWriter, ShortFrameError
+from controller.common.mitsubishi.framing import DigitError, FrameReader, FrameWriter, ShortFrameError
 from controller.common.mitsubishi.requests import FrameError, RefusedError, Reply, Request, RequestError
 
 NOT_HEXADECIMAL: Final = 0xC050
@@ -73,7 +73,7 @@ class Frame3E:
         if len(data) < self.header_bytes:
             return None
         field = data[self.header_bytes - 2 * (1 + self.is_ascii) : self.header_bytes]
-        length = self.header_bytes + FieldReader(field, is_ascii=self.is_ascii).number(2)
+        length = self.header_bytes + FrameReader(field, is_ascii=self.is_ascii).number(2)
         if length > LONGEST_FRAME:
             raise FrameError(f"length {length}: longer than every valid frame")
         return length
@@ -84,7 +84,7 @@ class Frame3E:
 
     def encode_request(self, request: Request) -> bytes:
         """Return the frame of a request."""
-        body = FieldWriter(is_ascii=self.is_ascii)
+        body = FrameWriter(is_ascii=self.is_ascii)
         body.number(self.timer, 2)
         write_request(body, request)
         return self._frame(0, bytes(body))
@@ -95,7 +95,7 @@ class Frame3E:
         Raises:
             RequestError: The request is answered with an end code.
         """
-        reader = FieldReader(frame[self.header_bytes :], is_ascii=self.is_ascii)
+        reader = FrameReader(frame[self.header_bytes :], is_ascii=self.is_ascii)
         try:
             reader.number(2)
             if self.route != _OWN_ROUTE:
@@ -109,14 +109,14 @@ class Frame3E:
 
     def encode_reply(self, request: Request, reply: Reply) -> bytes:
         """Return the frame of the reply to a request."""
-        body = FieldWriter(is_ascii=self.is_ascii)
+        body = FrameWriter(is_ascii=self.is_ascii)
         body.number(0, 2)
         write_reply(body, request, reply)
         return self._frame(1, bytes(body))
 
     def encode_error(self, frame: bytes, error: RequestError) -> bytes:
         """Return the frame that refuses a request: end code, route, command and subcommand."""
-        body = FieldWriter(is_ascii=self.is_ascii)
+        body = FrameWriter(is_ascii=self.is_ascii)
         body.number(error.code, 2)
         _put_route(body, self.route)
         size = 2 * (1 + self.is_ascii)
@@ -134,15 +134,15 @@ class Frame3E:
         header = bytes(self._header(1))
         if not frame.startswith(header):
             raise FrameError(f"{frame[: self.header_bytes].hex(' ')}: not a reply to this {type(request).__name__}")
-        reader = FieldReader(frame[self.header_bytes :], is_ascii=self.is_ascii)
+        reader = FrameReader(frame[self.header_bytes :], is_ascii=self.is_ascii)
         code = reader.number(2)
         if code:
             raise RefusedError(request, code)
         return read_reply(reader, request)
 
-    def _header(self, direction: int) -> FieldWriter:
+    def _header(self, direction: int) -> FrameWriter:
         """Return the header without its length; direction 0 is a request, 1 a reply."""
-        writer = FieldWriter(is_ascii=self.is_ascii)
+        writer = FrameWriter(is_ascii=self.is_ascii)
         writer.raw(_SUBHEADERS[self.is_ascii, self.serial is not None][direction])
         if self.serial is not None:
             writer.numbers((self.serial, 0), 2)
@@ -155,7 +155,7 @@ class Frame3E:
         return bytes(writer) + body
 
     def _with_header(self, data: bytes) -> Frame3E:
-        reader = FieldReader(data[len(_SUBHEADERS[self.is_ascii, False][0]) :], is_ascii=self.is_ascii)
+        reader = FrameReader(data[len(_SUBHEADERS[self.is_ascii, False][0]) :], is_ascii=self.is_ascii)
         serial = None
         if self.serial is not None:
             serial = reader.number(2)
@@ -164,6 +164,6 @@ class Frame3E:
         return Frame3E(self.is_ascii, serial, route)
 
 
-def _put_route(writer: FieldWriter, route: tuple[int, int, int, int]) -> None:
+def _put_route(writer: FrameWriter, route: tuple[int, int, int, int]) -> None:
     for value, size in zip(route, (1, 1, 2, 1), strict=True):
         writer.number(value, size)

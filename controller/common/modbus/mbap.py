@@ -45,6 +45,7 @@ class MbapSession:
         answers: list[bytes] = []
         while filled - used >= HEADER.size:
             transaction, protocol, length, unit = HEADER.unpack_from(received, used)
+            # without a valid length, the beginning of the next frame is not known (docs/sources/ecosystem.md 1)
             if protocol != 0 or not MIN_LENGTH <= length <= MAX_LENGTH:
                 return Answered(used, b"".join(answers), requests, is_valid=False)
             end = used + UNCOUNTED_BYTES + length

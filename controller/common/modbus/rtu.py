@@ -157,6 +157,7 @@ class RtuServer(SerialServer):
     def _execute(self, frame: bytes) -> None:
         unit = frame[0]
         reply = framed(unit, answer(self._device, frame[1:-2]))
+        # all units execute a broadcast, and their answers would collide
         if unit != BROADCAST:
             self._after(self._line.wire_s(len(reply)) if self._models_wire else 0, lambda: self._send(reply))
 
@@ -164,6 +165,7 @@ class RtuServer(SerialServer):
 def framed(unit: int, pdu: bytes) -> bytes:
     """Return a frame: unit address, PDU and checksum."""
     frame = bytes([unit]) + pdu
+    # pymodbus returns the checksum with its bytes exchanged; the low byte is sent first
     return frame + FramerRTU.compute_CRC(frame).to_bytes(2)
 
 

@@ -124,6 +124,7 @@ class Exchange:
         except OSError as error:
             self._failed(error.strerror or str(error))
             self.line.close()
+        # after the data has been read: an answer that has arrived counts, even if this process looks late
         if self._deadline_s is not None and now_s >= self._deadline_s and self.data is None and not self.error:
             self._failed(f"no valid answer within {round(self.timeout_s * 1_000)} ms")
         return self.data is not None or bool(self.error)

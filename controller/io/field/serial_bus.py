@@ -18,6 +18,7 @@ from controller.common.modbus.rtu import SerialLine
 from controller.io.field.line import BusLine
 from controller.io.field.requests import EXCEPTION, ModbusRequest
 
+# also without parity, where the specification requires a second stop bit
 _BITS_A_CHARACTER: Final = 11
 _SILENCE_CHARACTERS: Final = 3.5
 _LEAST_SILENCE_S: Final = 0.001_75
@@ -92,6 +93,7 @@ class RtuBus(BusLine):
                 return None
             elif FramerRTU.check_CRC(bytes(buffer[: length - 2]), int.from_bytes(buffer[length - 2 : length])):
                 answer = bytes(buffer[1 : length - 2])
+                # a unit sends nothing unasked, so bytes after the answer are noise
                 buffer.clear()
                 self._rest()
                 return answer

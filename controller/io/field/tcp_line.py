@@ -94,9 +94,8 @@ class TcpBus(BusLine):
         self._transaction = (self._transaction + 1) & 0xFFFF
         self._unit, self._request = unit, request
         frame = HEADER.pack(self._transaction, 0, len(request.pdu) + 1, unit) + request.pdu
-        if self._connected().send(frame) != len(
-            frame
-        ):  # a new frame of 260 bytes does not fit: the other side reads nothing
+        # a frame of at most 260 bytes fits unless the other side reads nothing
+        if self._connected().send(frame) != len(frame):
             raise OSError(errno.EAGAIN, "the device does not accept data")
 
     def receive(self) -> bytes | None:

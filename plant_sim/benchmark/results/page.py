@@ -11,8 +11,8 @@ from typing import Final
 
 from controller.common.errors import InputError
 from plant_sim.benchmark.catalogue import PARTS
-from plant_sim.benchmark.part import BenchPart
-from plant_sim.benchmark.results.record import DISTURBED_PCT, REMEDY, BenchRecord, PartRecord, read_record
+from plant_sim.benchmark.part import BenchmarkPart
+from plant_sim.benchmark.results.record import DISTURBED_PCT, REMEDY, BenchmarkRecord, PartRecord, read_record
 from plant_sim.benchmark.results.text import goal_text, load_text, median_text, range_text, repeated, value_text
 
 _WIDTH: Final = 120
@@ -53,7 +53,7 @@ def minutes(duration_s: float) -> int:
     return max(1, round(duration_s / _S_PER_MIN))
 
 
-def _run_values(record: BenchRecord) -> dict[str, str]:
+def _run_values(record: BenchmarkRecord) -> dict[str, str]:
     return {
         "circumstances": _circumstances(record),
         "minutes": str(minutes(sum(part.duration_s for part in record.parts.values()))),
@@ -62,7 +62,7 @@ def _run_values(record: BenchRecord) -> dict[str, str]:
     }
 
 
-def _circumstances(record: BenchRecord) -> str:
+def _circumstances(record: BenchmarkRecord) -> str:
     """Return the rows of the table with computer and program."""
     host = record.host
     rows = {
@@ -77,7 +77,7 @@ def _circumstances(record: BenchRecord) -> str:
     return "\n".join(f"| {name} | {value} |" for name, value in rows.items())
 
 
-def _figure_values(record: BenchRecord) -> dict[str, str]:
+def _figure_values(record: BenchmarkRecord) -> dict[str, str]:
     """Return the text of every figure that the page can quote."""
     values = {f"{part.name}.{key}": _NOT_MEASURED for part in PARTS for key in part.figures}
     for name, part in record.parts.items():
@@ -94,7 +94,7 @@ def _sections(records: Mapping[str, PartRecord]) -> Iterator[str]:
             explained.add(part.explanation)
 
 
-def _section(part: BenchPart, record: PartRecord, *, explain: bool) -> str:
+def _section(part: BenchmarkPart, record: PartRecord, *, explain: bool) -> str:
     paragraphs = [f"### {record.title}"]
     if explain:
         paragraphs.append(textwrap.fill(part.explanation, _WIDTH, break_long_words=False, break_on_hyphens=False))

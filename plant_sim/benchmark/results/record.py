@@ -15,7 +15,7 @@ from pydantic import Field
 from controller.common.errors import InputError
 from controller.common.yaml_lines import read_yaml, unfold
 from controller.common.yaml_model import StrictModel, validated
-from plant_sim.benchmark.part import BenchFigure
+from plant_sim.benchmark.part import BenchmarkFigure
 from plant_sim.common.whole_file import write_whole
 
 DISTURBED_PCT: Final = 10.0
@@ -55,7 +55,7 @@ class FigureRecord(StrictModel):
     disturbed: bool
 
     @classmethod
-    def of(cls, figure: BenchFigure, values: Sequence[float], *, disturbed: bool) -> Self:
+    def of(cls, figure: BenchmarkFigure, values: Sequence[float], *, disturbed: bool) -> Self:
         """Return the result of measurements.
 
         Raises:
@@ -121,7 +121,7 @@ class HostRecord(StrictModel):
     libraries: dict[str, str]
 
 
-class BenchRecord(StrictModel):
+class BenchmarkRecord(StrictModel):
     """Results of a run.
 
     Attributes:
@@ -154,8 +154,8 @@ class BenchRecord(StrictModel):
         write_whole(path, lambda part: part.write_text(f"{text}\n", encoding="utf-8"))
 
 
-def read_record(path: Path) -> BenchRecord:
-    """Read a file written by `BenchRecord.write`.
+def read_record(path: Path) -> BenchmarkRecord:
+    """Read a file written by `BenchmarkRecord.write`.
 
     JSON is read as YAML, of which it is a subset, because that reader states the line of an invalid value.
 
@@ -165,7 +165,7 @@ def read_record(path: Path) -> BenchRecord:
     if not path.is_file():
         raise InputError(f"{path}: is not a file; specify a file written by bench --json")
     located = unfold(read_yaml(path, InputError), _DEPTH, _json_value)
-    record = validated(BenchRecord, located)
+    record = validated(BenchmarkRecord, located)
     if record is None or located.faults:
         raise InputError(f"{path}:{located.faults[0]}; or {REMEDY}")
     return record

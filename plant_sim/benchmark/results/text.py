@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from plant_sim.benchmark.results.record import DISTURBED_PCT, BenchRecord, FigureRecord, PartRecord
+from plant_sim.benchmark.results.record import DISTURBED_PCT, BenchmarkRecord, FigureRecord, PartRecord
 
 _LIMITS: Final = {"at_most": "at most", "at_least": "at least"}
 
@@ -80,7 +80,7 @@ def failure_text(name: str, part: PartRecord) -> str:
     return f"{name}: failed: {part.failed}" + (f"; {load_text(part)}" if part.other_pct > DISTURBED_PCT else "")
 
 
-def run_text(record: BenchRecord) -> str:
+def run_text(record: BenchmarkRecord) -> str:
     """Return the computer and the circumstances of a run in one line."""
     host = record.host
     commit = f" ({record.commit})" if record.commit else ""

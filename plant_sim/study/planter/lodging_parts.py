@@ -16,9 +16,9 @@ from plant_sim.planter.parameters import Planter
 from plant_sim.planter.quality import STATED_CODE, codes, injury_share, lodging_share
 from plant_sim.study.doe.regression import fit, terms
 from plant_sim.study.paper_tables import cabbage_experiment, cabbage_settings
-from plant_sim.study.planter.bench_fit import LodgingConstants, Predictor, Values, rms
-from plant_sim.study.planter.bench_model import BenchModel
-from plant_sim.study.planter.bench_trials import BenchCheck, SeedlingCount, pooled
+from plant_sim.study.planter.lodging_fit import LodgingConstants, Predictor, Values, rms
+from plant_sim.study.planter.lodging_model import LodgingModel
+from plant_sim.study.planter.lodging_trials import OptimumCheck, SeedlingCount, pooled
 from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.twin.report import binomial_interval
 
@@ -30,7 +30,7 @@ _KM_H = 3.6
 
 def lodging_parts(
     planter: Planter,
-    models: Mapping[str, BenchModel],
+    models: Mapping[str, LodgingModel],
     in_use: LodgingConstants,
     in_use_percent: Values,
     blocks: int,
@@ -72,7 +72,7 @@ def lodging_parts(
     ]
 
 
-def injury_parts(planter: Planter, models: Mapping[str, BenchModel]) -> list[Part]:
+def injury_parts(planter: Planter, models: Mapping[str, LodgingModel]) -> list[Part]:
     """Return the report parts on the fit of injury."""
     model, grip, scatter = models["reconciled"], planter.grip, planter.scatter
     rows: list[tuple[Cell, ...]] = [
@@ -99,7 +99,7 @@ def injury_parts(planter: Planter, models: Mapping[str, BenchModel]) -> list[Par
     ]
 
 
-def seedling_parts(model: BenchModel, run_seedlings: int) -> list[Part]:
+def seedling_parts(model: LodgingModel, run_seedlings: int) -> list[Part]:
     """Return the report parts on the number of seedlings in a run, which is not published."""
     observed = model.experiment.responses["Y1"]
     centre = observed[(model.experiment.coded == 0).all(axis=1)] / 100
@@ -140,7 +140,7 @@ def seedling_parts(model: BenchModel, run_seedlings: int) -> list[Part]:
     ]
 
 
-def check_parts(check: BenchCheck, seedlings: int) -> list[Part]:
+def check_parts(check: OptimumCheck, seedlings: int) -> list[Part]:
     """Return the report parts on the check of the claimed optimum on the bench and in the field."""
     half = len(check.mechanics) // 2
     predicted, bench, field = (each.responses for each in cabbage_settings())
@@ -178,7 +178,7 @@ def check_parts(check: BenchCheck, seedlings: int) -> list[Part]:
     ]
 
 
-def _ranking(model: BenchModel) -> str:
+def _ranking(model: LodgingModel) -> str:
     """Return a comparison of the mechanical model with other predictors in the held-back runs."""
     observed, held = model.experiment.responses["Y1"], ~model.fitted
     mechanics, _, mean, linear, _ = (rms((each.percent - observed)[held]) for each in model.lodging_by)
@@ -190,12 +190,12 @@ def _ranking(model: BenchModel) -> str:
     )
 
 
-def _centre_sd(model: BenchModel) -> float:
+def _centre_sd(model: LodgingModel) -> float:
     is_centre = (model.experiment.coded == 0).all(axis=1)
     return float(model.experiment.responses["Y1"][is_centre].std(ddof=1))
 
 
-def _error_table(name: str, caption: str, response: str, model: BenchModel, by: Sequence[Predictor]) -> Table:
+def _error_table(name: str, caption: str, response: str, model: LodgingModel, by: Sequence[Predictor]) -> Table:
     """Return a table of the errors of several predictors."""
     observed = model.experiment.responses[response]
     is_centre = (model.experiment.coded == 0).all(axis=1)
@@ -207,7 +207,7 @@ def _error_table(name: str, caption: str, response: str, model: BenchModel, by: 
     return Table(name, f"{caption}: root mean square error, points", heading, rows)
 
 
-def _run_table(planter: Planter, model: BenchModel) -> Table:
+def _run_table(planter: Planter, model: LodgingModel) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for run, (speed_km_h, frequency_per_min, force_n) in enumerate(model.natural.tolist()):
         motion = Motion(planter.chain, speed_m_s=speed_km_h / _KM_H, frequency_per_min=frequency_per_min)
@@ -231,7 +231,7 @@ def _run_table(planter: Planter, model: BenchModel) -> Table:
     return Table("lodging-runs-table", "Lodging of every run, reconciled data, %", heading, tuple(rows))
 
 
-def _effects(model: BenchModel, response: str, name: str, mechanics: Predictor) -> list[Part]:
+def _effects(model: LodgingModel, response: str, name: str, mechanics: Predictor) -> list[Part]:
     """Return a comparison of the observed effects of the factors with those of the mechanical model."""
     coded = cabbage_experiment("reconciled").coded
     columns = [
@@ -255,7 +255,7 @@ def _effects(model: BenchModel, response: str, name: str, mechanics: Predictor) 
     ]
 
 
-def _chi_square(predictor: Predictor, model: BenchModel, seedlings: int, runs: NDArray[np.bool_]) -> float:
+def _chi_square(predictor: Predictor, model: LodgingModel, seedlings: int, runs: NDArray[np.bool_]) -> float:
     """Return the sum of the squared differences divided by the binomial variance of the prediction."""
     expected, observed = predictor.percent[runs] / 100, model.experiment.responses["Y1"][runs] / 100
     return float(np.sum((observed - expected) ** 2 / (expected * (1 - expected) / seedlings)))
@@ -278,7 +278,7 @@ def _row(source: str, trials: Sequence[SeedlingCount]) -> tuple[Cell, ...]:
     return (source, total.seedlings, *total.percent())
 
 
-def _trial_rows(check: BenchCheck, half: int) -> tuple[tuple[Cell, ...], ...]:
+def _trial_rows(check: OptimumCheck, half: int) -> tuple[tuple[Cell, ...], ...]:
     return tuple(
         (
             f"{'bench' if index < half else 'field'} {index % half + 1}, {name}",
@@ -291,7 +291,7 @@ def _trial_rows(check: BenchCheck, half: int) -> tuple[tuple[Cell, ...], ...]:
     )
 
 
-def _overlap(check: BenchCheck, half: int, field: Mapping[str, float]) -> str:
+def _overlap(check: OptimumCheck, half: int, field: Mapping[str, float]) -> str:
     """Return a sentence on whether the paper's field result is inside the interval of the simulated trials."""
     total = pooled(check.mechanics[half:])
     _, low, high, _, injury_low, injury_high = total.percent()
@@ -308,7 +308,7 @@ def _overlap(check: BenchCheck, half: int, field: Mapping[str, float]) -> str:
     )
 
 
-def _chart(model: BenchModel, response: str, name: str) -> Figure:
+def _chart(model: LodgingModel, response: str, name: str) -> Figure:
     by = model.lodging_by if response == "Y1" else model.injury_by
     observed, mechanics = model.experiment.responses[response], by[0]
     ends = [0.0, float(max(observed.max(), mechanics.percent.max())) + 0.5]

@@ -12,10 +12,10 @@ from plant_sim.planter.scatter import Ranges
 from plant_sim.study.doe.design import to_natural
 from plant_sim.study.engines import Progress
 from plant_sim.study.paper_tables import CABBAGE_FACTORS, cabbage_experiment, cabbage_settings
-from plant_sim.study.planter.bench_fit import LodgingConstants, lodging_percent
-from plant_sim.study.planter.bench_model import BenchModel, bench_model
-from plant_sim.study.planter.bench_trials import BenchCheck, BenchSetting, equation_trials, simulate_trials
+from plant_sim.study.planter.lodging_fit import LodgingConstants, lodging_percent
+from plant_sim.study.planter.lodging_model import LodgingModel, lodging_model
 from plant_sim.study.planter.lodging_parts import check_parts, injury_parts, lodging_parts, seedling_parts
+from plant_sim.study.planter.lodging_trials import LodgingSetting, OptimumCheck, equation_trials, simulate_trials
 from plant_sim.study.planter.tipping import Tipping, simulate_tipping
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import OverallProgress, command_line
@@ -49,13 +49,13 @@ def lodging_study(
     """
     reconciled = cabbage_experiment("reconciled")
     natural = to_natural(CABBAGE_FACTORS, reconciled.coded)
-    setting = BenchSetting(*cabbage_settings()[0].natural)
+    setting = LodgingSetting(*cabbage_settings()[0].natural)
     both = None if progress is None else OverallProgress(progress, len(np.unique(natural, axis=0)) + 1 + 2 * TRIALS)
     settings = np.vstack([natural, setting])
     every = simulate_tipping(planter, ranges, settings, blocks=blocks, seed=seed, workers=workers, progress=both)
     tipping = Tipping(every.clearance_m, every.lodged[:-1])
     models = {
-        name: bench_model(planter, tipping, cabbage_experiment(name), natural) for name in ("reconciled", "printed")
+        name: lodging_model(planter, tipping, cabbage_experiment(name), natural) for name in ("reconciled", "printed")
     }
     in_use = LodgingConstants(
         planter.scatter.stick_share, planter.scatter.stick_exponent, planter.bench_soil.clearance_m
@@ -63,7 +63,7 @@ def lodging_study(
     force_n = np.append(natural[:, 2], setting.force_n)
     expected = lodging_percent(every, force_n, in_use, planter.scatter)
     trials = [seedlings] * TRIALS + [FIELD_SEEDLINGS] * TRIALS
-    check = BenchCheck(
+    check = OptimumCheck(
         setting,
         (float(expected[-1]), 100 * planter.scatter.injured_share_at(setting.force_n)),
         simulate_trials(planter, ranges, setting, trials, seed=seed, workers=workers, progress=both),
@@ -84,7 +84,7 @@ def lodging_study(
     )
 
 
-def _record(models: dict[str, BenchModel], check: BenchCheck, run_seedlings: int) -> dict[str, object]:
+def _record(models: dict[str, LodgingModel], check: OptimumCheck, run_seedlings: int) -> dict[str, object]:
     return {
         "seedlings_per_run": run_seedlings,
         "fits": {

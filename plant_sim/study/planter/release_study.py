@@ -18,7 +18,7 @@ from plant_sim.planter.ratio import zero_speed_points
 from plant_sim.planter.scatter import Ground, Ranges
 from plant_sim.planter.verdict import PUSHED_M, FallVerdict
 from plant_sim.study.engines import Progress
-from plant_sim.study.planter.bench_fit import Values, rms
+from plant_sim.study.planter.lodging_fit import Values, rms
 from plant_sim.study.planter.verdicts import FallPoint, VerdictCount, count_verdicts
 from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.study.report.study import Study

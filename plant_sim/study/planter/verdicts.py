@@ -16,7 +16,7 @@ from plant_sim.planter.parameters import Planter
 from plant_sim.planter.scatter import Ground, Ranges, draw
 from plant_sim.planter.verdict import FallVerdict, verdict_of
 from plant_sim.study.engines import Progress, spread
-from plant_sim.study.planter.bench_fit import Values
+from plant_sim.study.planter.lodging_fit import Values
 from plant_sim.study.runner import trial_seed
 from plant_sim.twin.report import binomial_interval
 

@@ -33,7 +33,7 @@ def stack() -> Iterator[ExitStack]:
         yield stack
 
 
-class Bench:
+class Rig:
     """Sensors and the tray as bits, the valves on a coupler, and a person in front of ``check-io``."""
 
     def __init__(self, stack: ExitStack, folder: Path, profile: str, *, is_tripped: bool = False) -> None:
@@ -81,66 +81,66 @@ EVERY_PROFILE = pytest.mark.parametrize("profile", PROFILES)
 def test_the_watchdog_is_served_while_the_command_waits_for_the_person(
     profile: str, stack: ExitStack, tmp_path: Path
 ) -> None:
-    bench = Bench(stack, tmp_path, profile)
+    rig = Rig(stack, tmp_path, profile)
     for prompt in ("area clear", "hold SPACE", "did exactly"):
-        line = bench.person.until(prompt)
+        line = rig.person.until(prompt)
         for _ in range(3):
-            bench.until(lambda: bench.left.left_ms == bench.left.watchdog_ms > 0)
-            bench.left.advance(bench.left.watchdog_ms - 1)
-        assert not bench.left.is_tripped
-        bench.person.answer(line)
-    assert bench.person.work() == 0
-    assert not any(bench.left.outputs)
-    assert f"Field I/O: sensors (127.0.0.1:{bench.modules[0].port}), valves (" in bench.report()
+            rig.until(lambda: rig.left.left_ms == rig.left.watchdog_ms > 0)
+            rig.left.advance(rig.left.watchdog_ms - 1)
+        assert not rig.left.is_tripped
+        rig.person.answer(line)
+    assert rig.person.work() == 0
+    assert not any(rig.left.outputs)
+    assert f"Field I/O: sensors (127.0.0.1:{rig.modules[0].port}), valves (" in rig.report()
 
 
 @EVERY_PROFILE
 def test_a_trip_before_the_outputs_is_reset_after_the_confirmation_and_reported(
     profile: str, stack: ExitStack, tmp_path: Path
 ) -> None:
-    bench = Bench(stack, tmp_path, profile, is_tripped=True)
-    bench.person.until("Is the output watchdog")
-    assert not bench.left.writes, "the module is reset without the person"
-    bench.person.press("y")
-    assert "had tripped; it has been reset" in (bench.person.next_line() or "")
-    assert not bench.left.is_tripped
-    assert bench.person.work() == 0
+    rig = Rig(stack, tmp_path, profile, is_tripped=True)
+    rig.person.until("Is the output watchdog")
+    assert not rig.left.writes, "the module is reset without the person"
+    rig.person.press("y")
+    assert "had tripped; it has been reset" in (rig.person.next_line() or "")
+    assert not rig.left.is_tripped
+    assert rig.person.work() == 0
 
 
 @EVERY_PROFILE
 def test_a_trip_during_the_check_ends_it_and_is_reported(profile: str, stack: ExitStack, tmp_path: Path) -> None:
-    bench = Bench(stack, tmp_path, profile)
-    bench.person.until("hold SPACE")
-    bench.hold()
-    bench.left.advance(WATCHDOG_MS)
-    label = f"valves (127.0.0.1:{bench.modules[1].port})"
-    assert bench.person.next_line() == f"The output watchdog of {label} has tripped; the check ends."
-    assert bench.person.work() == 1
-    assert "End of the check: output watchdog of a module tripped" in bench.report()
-    assert {result for result, _ in bench.person.results().values()} == {"not_tested"}
+    rig = Rig(stack, tmp_path, profile)
+    rig.person.until("hold SPACE")
+    rig.hold()
+    rig.left.advance(WATCHDOG_MS)
+    label = f"valves (127.0.0.1:{rig.modules[1].port})"
+    assert rig.person.next_line() == f"The output watchdog of {label} has tripped; the check ends."
+    assert rig.person.work() == 1
+    assert "End of the check: output watchdog of a module tripped" in rig.report()
+    assert {result for result, _ in rig.person.results().values()} == {"not_tested"}
 
 
 @pytest.mark.parametrize("lost", [0, 2], ids=["sensors", "tray"])
 def test_a_lost_device_leaves_no_output_on_at_the_others(lost: int, stack: ExitStack, tmp_path: Path) -> None:
     """The watchdog of the coupler is not advanced: the command itself writes the safe outputs."""
-    bench = Bench(stack, tmp_path, "wago-750")
-    bench.person.until("hold SPACE")
-    bench.hold()
-    bench.modules[lost].unplug()
-    assert "no response from the field I/O" in (bench.person.next_line() or "")
-    assert not any(bench.left.outputs)
-    assert bench.person.work() == 1
-    assert "End of the check: field I/O lost" in bench.report()
+    rig = Rig(stack, tmp_path, "wago-750")
+    rig.person.until("hold SPACE")
+    rig.hold()
+    rig.modules[lost].unplug()
+    assert "no response from the field I/O" in (rig.person.next_line() or "")
+    assert not any(rig.left.outputs)
+    assert rig.person.work() == 1
+    assert "End of the check: field I/O lost" in rig.report()
 
 
 def test_enter_alone_is_no_verdict_on_an_output_that_was_never_on(stack: ExitStack, tmp_path: Path) -> None:
-    bench = Bench(stack, tmp_path, "wago-750")
-    bench.person.until("hold SPACE")
-    bench.person.press("\n")
-    assert "hold SPACE" in (bench.person.next_line() or "")
-    bench.person.press("q")
-    assert bench.person.work() == 1
-    assert {result for result, _ in bench.person.results().values()} == {"not_tested"}
+    rig = Rig(stack, tmp_path, "wago-750")
+    rig.person.until("hold SPACE")
+    rig.person.press("\n")
+    assert "hold SPACE" in (rig.person.next_line() or "")
+    rig.person.press("q")
+    assert rig.person.work() == 1
+    assert {result for result, _ in rig.person.results().values()} == {"not_tested"}
 
 
 def test_the_example_of_a_field_file_is_accepted_and_a_short_watchdog_is_not(

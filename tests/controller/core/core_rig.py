@@ -1,4 +1,4 @@
-"""Test bench for the PLC core: a few rungs in RUN mode, terminals set by number, time in ms."""
+"""Test rig for the PLC core: a few rungs in RUN mode, terminals set by number, time in ms."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def d(number: int) -> Word:
 
 def program_of(*items: Rung | Sequence, set_points: tuple[tuple[Word, int], ...] = ()) -> Program:
     """Return a program with one block, which may write Y."""
-    return Program("bench", (Block("all", items),), outputs="all", set_points=set_points)
+    return Program("rig", (Block("all", items),), outputs="all", set_points=set_points)
 
 
 def levels(*on: int, count: int = 32) -> list[bool]:
@@ -68,7 +68,7 @@ def base_pulses(after_ms: int, until_ms: int, base_ms: int) -> int:
     return sum(instant % base_ms == 0 for instant in range(after_ms + 1, until_ms + 1))
 
 
-class Bench:
+class Rig:
     """PLC without an input filter; the test sets its terminals. The first scan is at `start_ms`."""
 
     def __init__(self, *items: Rung | Sequence, start_ms: int = 0, scan_ms: int = 10) -> None:

@@ -31,7 +31,7 @@ from controller.core.expr import (
     leaves,
 )
 from controller.core.rungs import Out
-from tests.controller.core.core_rig import THOROUGH, Bench, d, m, s, t, x
+from tests.controller.core.core_rig import THOROUGH, Rig, d, m, s, t, x
 
 A, B, C = m(0), m(1), m(2)
 
@@ -150,7 +150,7 @@ def test_boolean_operators_of_python_are_rejected(misuse: Callable[[], object]) 
 def test_a_word_compared_with_double_equals_is_not_a_condition() -> None:
     """For words, `==` is Python equality, which tag tables need; its result is rejected as a condition."""
     with pytest.raises(TypeError, match="not a condition: False"):
-        Bench(Out(m(9), when=d(0) == 3))  # type: ignore[arg-type, comparison-overlap]
+        Rig(Out(m(9), when=d(0) == 3))  # type: ignore[arg-type, comparison-overlap]
 
 
 def test_nested_series_and_parallel_conditions_are_flattened() -> None:

@@ -19,7 +19,7 @@ from controller.core.program import Block, Program
 from controller.core.retentive_store import FORMAT, DamagedStoreError, FileStore, MemoryStore
 from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.scan import Plc
-from tests.controller.core.core_rig import THOROUGH, Bench, copied, d, m, program_of, s, x
+from tests.controller.core.core_rig import THOROUGH, Rig, copied, d, m, program_of, s, x
 from tests.paths import ROOT
 from tests.sampling import examples
 
@@ -88,11 +88,11 @@ COUNTING: list[Rung] = [
 @given(st.lists(st.sets(st.integers(0, 2)), min_size=1, max_size=12), st.integers(0, 12))
 def test_a_power_cycle_changes_no_retentive_device(inputs: list[set[int]], off_after: int) -> None:
     """After a power cycle, a PLC continues counting exactly as if it had been idle for one scan."""
-    cycled, steady = Bench(*COUNTING, scan_ms=100), Bench(*COUNTING, scan_ms=100)
+    cycled, steady = Rig(*COUNTING, scan_ms=100), Rig(*COUNTING, scan_ms=100)
     for n, on in enumerate(inputs):
         if n == off_after:
             retained = cycled.plc.retained()
-            cycled = Bench(*COUNTING, scan_ms=100)
+            cycled = Rig(*COUNTING, scan_ms=100)
             cycled.plc.restore_retained(retained)
             assert cycled.plc.retained() == retained
             cycled.scan()
@@ -105,12 +105,12 @@ def test_a_power_cycle_changes_no_retentive_device(inputs: list[set[int]], off_a
 
 @pytest.mark.parametrize("foreign", [{}, {"D512": 1}, dict(VALUES), {"C100": 0, "D512": 0, "D9": 0, "M500": 1}])
 def test_memory_of_another_program_is_rejected_and_changes_nothing(foreign: dict[str, int]) -> None:
-    bench = Bench(*COUNTING)
-    bench.scan(0, 2)
-    before = copied(bench.memory)
+    rig = Rig(*COUNTING)
+    rig.scan(0, 2)
+    before = copied(rig.memory)
     with pytest.raises(ValueError, match="retentive devices of another program: "):
-        bench.plc.restore_retained(foreign)
-    assert bench.memory == before
+        rig.plc.restore_retained(foreign)
+    assert rig.memory == before
 
 
 def test_the_error_lists_missing_and_unknown_names() -> None:
@@ -124,15 +124,15 @@ def test_the_error_lists_missing_and_unknown_names() -> None:
 
 
 def test_the_retentive_image_changes_with_every_retentive_device() -> None:
-    bench = Bench(*COUNTING, Inc(d(100), when=x(3)), OnDelay(Timer(251), d(513), when=x(1)), scan_ms=100)
-    bench.plc.write(d(513), 99)
-    bench.scan()
+    rig = Rig(*COUNTING, Inc(d(100), when=x(3)), OnDelay(Timer(251), d(513), when=x(1)), scan_ms=100)
+    rig.plc.write(d(513), 99)
+    rig.scan()
 
     def changes(*on: int) -> bool:
-        image, retained = bench.plc.retentive_image(), bench.plc.retained()
-        bench.scan(*on)
-        assert (bench.plc.retained() != retained) is (bench.plc.retentive_image() != image)
-        return bench.plc.retentive_image() != image
+        image, retained = rig.plc.retentive_image(), rig.plc.retained()
+        rig.scan(*on)
+        assert (rig.plc.retained() != retained) is (rig.plc.retentive_image() != image)
+        return rig.plc.retentive_image() != image
 
     inputs: dict[str, list[int]] = {
         "at rest": [],
@@ -145,11 +145,11 @@ def test_the_retentive_image_changes_with_every_retentive_device() -> None:
     }
     changed = {name for name, on in inputs.items() if changes(*on)}
     assert changed == {"counted", "set", "timed"}
-    bench.plc.write(d(513), 0)
-    image, value = bench.plc.retentive_image(), bench.memory.TV[251]
-    bench.scan(1, after_ms=0)
-    assert (bench.memory.T[251], bench.memory.TV[251]) == (True, value)
-    assert bench.plc.retentive_image() != image
+    rig.plc.write(d(513), 0)
+    image, value = rig.plc.retentive_image(), rig.memory.TV[251]
+    rig.scan(1, after_ms=0)
+    assert (rig.memory.T[251], rig.memory.TV[251]) == (True, value)
+    assert rig.plc.retentive_image() != image
 
 
 # ---- the file -------------------------------------------------------------------------------------------------

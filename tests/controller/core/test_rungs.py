@@ -27,7 +27,7 @@ from controller.core.rungs import (
     Subtract,
     ZoneReset,
 )
-from tests.controller.core.core_rig import THOROUGH, Bench, base_pulses, d, m, s, t, x, y
+from tests.controller.core.core_rig import THOROUGH, Rig, base_pulses, d, m, s, t, x, y
 
 DRIVE, RESET = 0, 1
 SCANS = st.lists(st.tuples(st.integers(1, 250), st.booleans()), min_size=1, max_size=60)
@@ -44,20 +44,20 @@ def test_an_on_delay_counts_its_base_from_scan_to_scan(
     scans: list[tuple[int, bool]], timer: tuple[int, int], counts: int, start_ms: int
 ) -> None:
     number, base_ms = timer
-    bench = Bench(OnDelay(Timer(number), counts * base_ms, when=x(DRIVE)), start_ms=start_ms)
+    rig = Rig(OnDelay(Timer(number), counts * base_ms, when=x(DRIVE)), start_ms=start_ms)
     counted: int | None = None
     before_ms = start_ms
     for interval_ms, driven in scans:
-        bench.scan(*[DRIVE] * driven, after_ms=interval_ms)
+        rig.scan(*[DRIVE] * driven, after_ms=interval_ms)
         if not driven:
             counted = None
         elif counted is None:
             counted = 0
         else:
-            counted += base_pulses(before_ms, bench.now_ms, base_ms)
-        before_ms = bench.now_ms
-        assert bench.memory.T[number] is (counted is not None and counted >= counts)
-        assert bench.memory.TV[number] == min(counted or 0, counts)
+            counted += base_pulses(before_ms, rig.now_ms, base_ms)
+        before_ms = rig.now_ms
+        assert rig.memory.T[number] is (counted is not None and counted >= counts)
+        assert rig.memory.TV[number] == min(counted or 0, counts)
 
 
 @THOROUGH
@@ -66,39 +66,39 @@ def test_an_on_delay_is_at_most_one_base_early_and_one_scan_late(
     start_ms: int, scan_ms: int, timer: tuple[int, int, int]
 ) -> None:
     number, base_ms, delay_ms = timer
-    bench = Bench(OnDelay(Timer(number), delay_ms, when=x(DRIVE)), start_ms=start_ms, scan_ms=scan_ms)
-    bench.scan(DRIVE)
-    while not bench.memory.T[number]:
-        bench.scan(DRIVE)
-        assert bench.now_ms <= start_ms + delay_ms + scan_ms
-    assert delay_ms - base_ms < bench.now_ms - start_ms < delay_ms + scan_ms
+    rig = Rig(OnDelay(Timer(number), delay_ms, when=x(DRIVE)), start_ms=start_ms, scan_ms=scan_ms)
+    rig.scan(DRIVE)
+    while not rig.memory.T[number]:
+        rig.scan(DRIVE)
+        assert rig.now_ms <= start_ms + delay_ms + scan_ms
+    assert delay_ms - base_ms < rig.now_ms - start_ms < delay_ms + scan_ms
 
 
 def test_a_timer_can_start_at_time_zero() -> None:
-    bench = Bench(OnDelay(Timer(200), 30, when=x(DRIVE)), start_ms=0)
-    assert bench.track(t(200), [[DRIVE]] * 5) == "...11"
+    rig = Rig(OnDelay(Timer(200), 30, when=x(DRIVE)), start_ms=0)
+    assert rig.track(t(200), [[DRIVE]] * 5) == "...11"
 
 
 def test_an_on_delay_is_reset_in_the_first_scan_in_which_it_is_not_driven() -> None:
-    bench = Bench(OnDelay(Timer(200), 20, when=x(DRIVE)))
-    assert bench.track(t(200), [[DRIVE]] * 4 + [[]] + [[DRIVE]] * 3) == "..11...1"
-    bench.scan()
-    assert (bench.memory.TV[200], bench.memory.TS[200]) == (0, -1)
+    rig = Rig(OnDelay(Timer(200), 20, when=x(DRIVE)))
+    assert rig.track(t(200), [[DRIVE]] * 4 + [[]] + [[DRIVE]] * 3) == "..11...1"
+    rig.scan()
+    assert (rig.memory.TV[200], rig.memory.TS[200]) == (0, -1)
 
 
 @pytest.mark.parametrize(("preset", "contact"), [(0, "11111"), (-1, "11111"), (1, ".1111"), (3, "...11"), (9, ".....")])
 def test_a_preset_from_a_register_is_in_counts_of_the_base(preset: int, contact: str) -> None:
-    bench = Bench(OnDelay(Timer(200), d(512), when=x(DRIVE)))
-    bench.plc.write(d(512), preset)
-    assert bench.track(t(200), [[DRIVE]] * 5) == contact
+    rig = Rig(OnDelay(Timer(200), d(512), when=x(DRIVE)))
+    rig.plc.write(d(512), preset)
+    assert rig.track(t(200), [[DRIVE]] * 5) == contact
 
 
 def test_the_preset_register_is_read_in_every_scan() -> None:
-    bench = Bench(OnDelay(Timer(200), d(512), when=x(DRIVE)))
-    bench.plc.write(d(512), 100)
-    assert bench.track(t(200), [[DRIVE]] * 4) == "...."
-    bench.plc.write(d(512), 4)
-    assert bench.track(t(200), [[DRIVE]]) == "1"
+    rig = Rig(OnDelay(Timer(200), d(512), when=x(DRIVE)))
+    rig.plc.write(d(512), 100)
+    assert rig.track(t(200), [[DRIVE]] * 4) == "...."
+    rig.plc.write(d(512), 4)
+    assert rig.track(t(200), [[DRIVE]]) == "1"
 
 
 @pytest.mark.parametrize("delay_ms", [0, -100, 150, 100 * 32768])
@@ -120,31 +120,31 @@ def test_a_retentive_timer_accumulates_until_it_is_reset(
     scans: list[tuple[int, bool, int]], timer: tuple[int, int, int]
 ) -> None:
     number, base_ms, delay_ms = timer
-    bench = Bench(OnDelay(Timer(number), delay_ms, when=x(DRIVE)), Rst(Timer(number), when=x(RESET)))
+    rig = Rig(OnDelay(Timer(number), delay_ms, when=x(DRIVE)), Rst(Timer(number), when=x(RESET)))
     counted, contact, was_driven, before_ms = 0, False, False, 0
     for interval_ms, driven, dice in scans:
         reset = dice == 0
-        bench.scan(*[DRIVE] * driven, *[RESET] * reset, after_ms=interval_ms)
+        rig.scan(*[DRIVE] * driven, *[RESET] * reset, after_ms=interval_ms)
         if driven and was_driven:
-            counted += base_pulses(before_ms, bench.now_ms, base_ms)
+            counted += base_pulses(before_ms, rig.now_ms, base_ms)
         contact = contact or (driven and counted * base_ms >= delay_ms)
-        was_driven, before_ms = driven, bench.now_ms
+        was_driven, before_ms = driven, rig.now_ms
         if reset:
             counted, contact, was_driven = 0, False, False
-        assert bench.memory.T[number] is contact
-        assert bench.memory.TV[number] == counted
+        assert rig.memory.T[number] is contact
+        assert rig.memory.TV[number] == counted
 
 
 def test_a_retentive_timer_stops_at_the_largest_word() -> None:
-    bench = Bench(OnDelay(Timer(246), d(512), when=x(DRIVE)), scan_ms=20_000)
-    bench.plc.write(d(512), 32_767)
-    assert bench.track(t(246), [[DRIVE]] * 4) == "..11"
-    assert bench.memory.TV[246] == 32_767
+    rig = Rig(OnDelay(Timer(246), d(512), when=x(DRIVE)), scan_ms=20_000)
+    rig.plc.write(d(512), 32_767)
+    assert rig.track(t(246), [[DRIVE]] * 4) == "..11"
+    assert rig.memory.TV[246] == 32_767
 
 
 def test_a_reset_also_stops_a_non_retentive_timer() -> None:
-    bench = Bench(OnDelay(Timer(200), 20, when=x(DRIVE)), Rst(Timer(200), when=x(RESET)))
-    assert bench.track(t(200), [[DRIVE]] * 3 + [[DRIVE, RESET]] + [[DRIVE]] * 3) == "..1...1"
+    rig = Rig(OnDelay(Timer(200), 20, when=x(DRIVE)), Rst(Timer(200), when=x(RESET)))
+    assert rig.track(t(200), [[DRIVE]] * 3 + [[DRIVE, RESET]] + [[DRIVE]] * 3) == "..1...1"
 
 
 # ---- counters -------------------------------------------------------------------------------------------------
@@ -157,15 +157,15 @@ COUNT_INPUTS = st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(0, 1
 def test_a_16_bit_counter_counts_edges_and_stops_at_its_preset(
     inputs: list[tuple[bool, bool, int]], preset: int, number: int
 ) -> None:
-    bench = Bench(Count(Counter(number), preset, when=x(DRIVE)), Rst(Counter(number), when=x(RESET)))
+    rig = Rig(Count(Counter(number), preset, when=x(DRIVE)), Rst(Counter(number), when=x(RESET)))
     counted, before = 0, False
     for on, _, dice in inputs:
         reset = dice == 0
-        bench.scan(*[DRIVE] * on, *[RESET] * reset)
+        rig.scan(*[DRIVE] * on, *[RESET] * reset)
         counted = 0 if reset else counted + (on and not before)
         before = on
-        assert bench.memory.CV[number] == min(counted, preset)
-        assert bench.memory.C[number] is (counted >= preset)
+        assert rig.memory.CV[number] == min(counted, preset)
+        assert rig.memory.C[number] is (counted >= preset)
 
 
 @THOROUGH
@@ -173,49 +173,49 @@ def test_a_16_bit_counter_counts_edges_and_stops_at_its_preset(
 def test_a_32_bit_counter_counts_up_and_down_and_its_contact_follows_the_crossing(
     inputs: list[tuple[bool, bool, int]], preset: int, number: int
 ) -> None:
-    bench = Bench(Count(Counter(number), preset, when=x(DRIVE)), Rst(Counter(number), when=x(RESET)))
+    rig = Rig(Count(Counter(number), preset, when=x(DRIVE)), Rst(Counter(number), when=x(RESET)))
     direction = m(8000 + number)
     value, before = 0, False
     for on, down, dice in inputs:
         reset = dice == 0
-        bench.plc.write(direction, down)
-        bench.scan(*[DRIVE] * on, *[RESET] * reset)
+        rig.plc.write(direction, down)
+        rig.scan(*[DRIVE] * on, *[RESET] * reset)
         if on and not before:
             value += -1 if down else 1
         value, before = 0 if reset else value, on
-        assert bench.memory.CV[number] == value
+        assert rig.memory.CV[number] == value
         # The value starts below the preset and changes by one, so the contact is on if and only if value >= preset.
-        assert bench.memory.C[number] is (value >= preset)
+        assert rig.memory.C[number] is (value >= preset)
 
 
 def test_a_32_bit_counter_changes_its_contact_only_at_the_crossing() -> None:
-    bench = Bench(Count(Counter(200), 3, when=x(DRIVE)))
-    bench.plc.write(Counter(200).value, 10)
-    bench.plc.write(m(8200), 1)
-    assert bench.track(Bit("C", 200), [[DRIVE], []] * 2) == "...."
-    bench.plc.write(Counter(200).value, 32_767)
-    bench.plc.write(m(8200), 0)
-    bench.scan(DRIVE)
-    assert (bench.memory.CV[200], bench.memory.C[200]) == (32_768, False)
+    rig = Rig(Count(Counter(200), 3, when=x(DRIVE)))
+    rig.plc.write(Counter(200).value, 10)
+    rig.plc.write(m(8200), 1)
+    assert rig.track(Bit("C", 200), [[DRIVE], []] * 2) == "...."
+    rig.plc.write(Counter(200).value, 32_767)
+    rig.plc.write(m(8200), 0)
+    rig.scan(DRIVE)
+    assert (rig.memory.CV[200], rig.memory.C[200]) == (32_768, False)
 
 
 @pytest.mark.parametrize("number", [5, 205])
 def test_an_input_that_is_on_in_the_first_scan_counts_once(number: int) -> None:
-    bench = Bench(Count(Counter(number), 9, when=x(DRIVE)))
+    rig = Rig(Count(Counter(number), 9, when=x(DRIVE)))
     for _ in range(3):
-        bench.scan(DRIVE)
-    assert bench.memory.CV[number] == 1
+        rig.scan(DRIVE)
+    assert rig.memory.CV[number] == 1
 
 
 def test_a_counter_reads_its_preset_from_a_register() -> None:
-    bench = Bench(Count(Counter(0), d(512), when=x(DRIVE)))
-    bench.plc.write(d(512), 2)
-    assert bench.track(Bit("C", 0), [[DRIVE], []] * 3) == "..1111"
+    rig = Rig(Count(Counter(0), d(512), when=x(DRIVE)))
+    rig.plc.write(d(512), 2)
+    assert rig.track(Bit("C", 0), [[DRIVE], []] * 3) == "..1111"
 
 
 def test_an_undriven_reset_does_not_change_the_counter() -> None:
-    bench = Bench(Count(Counter(0), 2, when=x(DRIVE)), Rst(Counter(0), when=x(RESET)))
-    assert bench.track(Bit("C", 0), [[DRIVE], [], [DRIVE], [], [RESET], []]) == "..11.."
+    rig = Rig(Count(Counter(0), 2, when=x(DRIVE)), Rst(Counter(0), when=x(RESET)))
+    assert rig.track(Bit("C", 0), [[DRIVE], [], [DRIVE], [], [RESET], []]) == "..11.."
 
 
 @pytest.mark.parametrize(("number", "preset"), [(0, 0), (0, -1), (0, 32_768), (200, 0), (200, 2**31)])
@@ -230,7 +230,7 @@ def test_a_counter_preset_out_of_range_is_rejected(number: int, preset: int) -> 
 @THOROUGH
 @given(st.lists(st.booleans(), min_size=1, max_size=40))
 def test_pulses_last_one_scan_and_are_independent(inputs: list[bool]) -> None:
-    bench = Bench(
+    rig = Rig(
         Pulse(m(0), when=x(DRIVE)),
         PulseFalling(m(1), when=x(DRIVE)),
         Pulse(m(2), when=x(DRIVE)),
@@ -239,9 +239,9 @@ def test_pulses_last_one_scan_and_are_independent(inputs: list[bool]) -> None:
     before = False
     not_before = False  # the stored input of an edge that was never executed is off
     for now in inputs:
-        bench.scan(*[DRIVE] * now)
+        rig.scan(*[DRIVE] * now)
         rising, falling = now and not before, before and not now
-        assert bench.memory.M[:4] == [rising, falling, rising, not_before and now]
+        assert rig.memory.M[:4] == [rising, falling, rising, not_before and now]
         before, not_before = now, not now
 
 
@@ -259,8 +259,8 @@ def test_pulses_last_one_scan_and_are_independent(inputs: list[bool]) -> None:
 def test_edges_of_inputs_that_start_high_or_low(
     edge: Callable[[Bit, Bit], Pulse | PulseFalling], inputs: str, output: str
 ) -> None:
-    bench = Bench(edge(m(0), x(DRIVE)))
-    assert bench.track(m(0), [[DRIVE] if on == "1" else [] for on in inputs]) == output
+    rig = Rig(edge(m(0), x(DRIVE)))
+    assert rig.track(m(0), [[DRIVE] if on == "1" else [] for on in inputs]) == output
 
 
 # ---- coils and words ------------------------------------------------------------------------------------------
@@ -268,48 +268,48 @@ def test_edges_of_inputs_that_start_high_or_low(
 
 @pytest.mark.parametrize("bit", [m(3), s(3), y(3)])
 def test_a_set_bit_stays_until_reset_and_the_last_rung_wins(bit: Bit) -> None:
-    bench = Bench(Set(bit, when=x(0)), Rst(bit, when=x(1)))
-    assert bench.track(bit, [[], [0], [], [], [1], [], [0, 1], []]) == ".111...."
+    rig = Rig(Set(bit, when=x(0)), Rst(bit, when=x(1)))
+    assert rig.track(bit, [[], [0], [], [], [1], [], [0, 1], []]) == ".111...."
 
 
 def test_an_out_follows_its_condition_and_is_always_on_without_one() -> None:
-    bench = Bench(Out(y(3), when=x(0)), Out(y(4)))
-    assert bench.track(y(3), [[], [0], []]) == ".1."
-    assert bench.scan() == [number == 4 for number in range(256)]
+    rig = Rig(Out(y(3), when=x(0)), Out(y(4)))
+    assert rig.track(y(3), [[], [0], []]) == ".1."
+    assert rig.scan() == [number == 4 for number in range(256)]
 
 
 @pytest.mark.parametrize("kind", "MSY")
 def test_a_zone_reset_clears_exactly_its_zone(kind: str) -> None:
-    bench = Bench(ZoneReset(Bit(kind, 3), Bit(kind, 5), when=x(0)), ZoneReset(Bit(kind, 8), Bit(kind, 8), when=x(0)))
-    bits = bench.memory.bits(kind)
+    rig = Rig(ZoneReset(Bit(kind, 3), Bit(kind, 5), when=x(0)), ZoneReset(Bit(kind, 8), Bit(kind, 8), when=x(0)))
+    bits = rig.memory.bits(kind)
     bits[:10] = [True] * 10
     size = len(bits)
-    bench.scan()
+    rig.scan()
     assert bits[:10] == [True] * 10
-    bench.scan(0)
+    rig.scan(0)
     assert [number for number in range(10) if bits[number]] == [0, 1, 2, 6, 7, 9]
     assert len(bits) == size
 
 
 def test_moves_copy_while_driven() -> None:
-    bench = Bench(Mov(-7, d(0), when=x(0)), Mov(d(0), d(1), when=x(1)), Mov(Counter(3).value, d(2)), Mov(9, d(3)))
-    bench.plc.write(Counter(3).value, 4)
-    bench.scan()
-    assert bench.memory.D[:4] == [0, 0, 4, 9]
-    bench.scan(0, 1)
-    bench.plc.write(d(0), 5)
-    bench.scan()
-    assert bench.memory.D[:4] == [5, -7, 4, 9]
+    rig = Rig(Mov(-7, d(0), when=x(0)), Mov(d(0), d(1), when=x(1)), Mov(Counter(3).value, d(2)), Mov(9, d(3)))
+    rig.plc.write(Counter(3).value, 4)
+    rig.scan()
+    assert rig.memory.D[:4] == [0, 0, 4, 9]
+    rig.scan(0, 1)
+    rig.plc.write(d(0), 5)
+    rig.scan()
+    assert rig.memory.D[:4] == [5, -7, 4, 9]
 
 
 @pytest.mark.parametrize(("before", "after"), [(0, 1), (-1, 0), (32_766, 32_767), (32_767, -32_768)])
 def test_an_increment_wraps_as_a_16_bit_word(before: int, after: int) -> None:
-    bench = Bench(Inc(d(0), when=x(0)))
-    bench.plc.write(d(0), before)
-    bench.scan()
-    assert bench.memory.D[0] == before
-    bench.scan(0)
-    assert bench.memory.D[0] == after
+    rig = Rig(Inc(d(0), when=x(0)))
+    rig.plc.write(d(0), before)
+    rig.scan()
+    assert rig.memory.D[0] == before
+    rig.scan(0)
+    assert rig.memory.D[0] == after
 
 
 @pytest.mark.parametrize(
@@ -324,18 +324,18 @@ def test_an_increment_wraps_as_a_16_bit_word(before: int, after: int) -> None:
     ],
 )
 def test_sums_and_differences_wrap_as_16_bit_words(one: int, two: int, total: int, difference: int) -> None:
-    bench = Bench(
+    rig = Rig(
         Add(d(0), d(1), d(2), when=x(0)),
         Subtract(d(0), d(1), d(3), when=x(0)),
         Add(d(0), two, d(4)),
         Subtract(one, d(1), d(5)),
     )
     for number, value in enumerate((one, two, 99, 99)):
-        bench.plc.write(d(number), value)
-    bench.scan()
-    assert bench.memory.D[2:6] == [99, 99, total, difference]
-    bench.scan(0)
-    assert bench.memory.D[2:6] == [total, difference, total, difference]
+        rig.plc.write(d(number), value)
+    rig.scan()
+    assert rig.memory.D[2:6] == [99, 99, total, difference]
+    rig.scan(0)
+    assert rig.memory.D[2:6] == [total, difference, total, difference]
 
 
 @pytest.mark.parametrize(
@@ -353,38 +353,38 @@ def test_sums_and_differences_wrap_as_16_bit_words(one: int, two: int, total: in
 )
 def test_a_word_is_scaled_with_a_product_of_32_bits(source: int, factor: int, divisor: int, scaled: int) -> None:
     """The fraction is omitted, the result is limited to 0..32767, and a divisor of 0 or less changes nothing."""
-    bench = Bench(Scale(d(0), d(1), d(2), d(3), when=x(0)), Scale(d(0), factor, d(2), d(4)))
+    rig = Rig(Scale(d(0), d(1), d(2), d(3), when=x(0)), Scale(d(0), factor, d(2), d(4)))
     for number, value in enumerate((source, factor, divisor, 99, 99)):
-        bench.plc.write(d(number), value)
-    bench.scan()
-    assert bench.memory.D[3:5] == [99, scaled]
-    bench.scan(0)
-    assert bench.memory.D[3:5] == [scaled, scaled]
+        rig.plc.write(d(number), value)
+    rig.scan()
+    assert rig.memory.D[3:5] == [99, scaled]
+    rig.scan(0)
+    assert rig.memory.D[3:5] == [scaled, scaled]
 
 
 def test_a_word_is_reset_to_zero() -> None:
-    bench = Bench(Rst(d(0), when=x(0)))
-    bench.plc.write(d(0), 5)
-    bench.scan()
-    assert bench.memory.D[0] == 5
-    bench.scan(0)
-    assert bench.memory.D[0] == 0
+    rig = Rig(Rst(d(0), when=x(0)))
+    rig.plc.write(d(0), 5)
+    rig.scan()
+    assert rig.memory.D[0] == 5
+    rig.scan(0)
+    assert rig.memory.D[0] == 0
 
 
 # ---- annunciators ---------------------------------------------------------------------------------------------
 
 
 def test_an_annunciator_is_set_after_its_time_and_stays_set_when_its_timer_is_reset() -> None:
-    bench = Bench(Annunciate(Timer(0), 300, s(900), when=x(0)), Rst(s(900), when=x(1)), scan_ms=100)
-    assert bench.track(s(900), [[0], [0], [0], [], [0], [0], [0]]) == "......."  # interrupted: the time restarts
-    assert bench.track(s(900), [[0], [], [], [1], []]) == "111.."
-    assert (bench.memory.T[0], bench.memory.TV[0]) == (False, 0)
-    assert bench.track(t(0), [[0]] * 4 + [[]]) == "...1."
-    assert bench.states() == {900}
+    rig = Rig(Annunciate(Timer(0), 300, s(900), when=x(0)), Rst(s(900), when=x(1)), scan_ms=100)
+    assert rig.track(s(900), [[0], [0], [0], [], [0], [0], [0]]) == "......."  # interrupted: the time restarts
+    assert rig.track(s(900), [[0], [], [], [1], []]) == "111.."
+    assert (rig.memory.T[0], rig.memory.TV[0]) == (False, 0)
+    assert rig.track(t(0), [[0]] * 4 + [[]]) == "...1."
+    assert rig.states() == {900}
 
 
 def test_m8048_and_d8049_show_the_lowest_annunciator_after_the_scan() -> None:
-    bench = Bench(
+    rig = Rig(
         *(Set(s(n), when=x(n - 900)) for n in (900, 905, 907)),
         ZoneReset(s(900), s(905), when=x(10)),
         Rst(s(907), when=x(11)),
@@ -393,20 +393,20 @@ def test_m8048_and_d8049_show_the_lowest_annunciator_after_the_scan() -> None:
     )
 
     def seen() -> tuple[bool, int, list[int], bool]:
-        memory = bench.memory
-        return memory.M[ANNUNCIATOR_ON], memory.D[LOWEST_ANNUNCIATOR], bench.plc.annunciators(), memory.M[0]
+        memory = rig.memory
+        return memory.M[ANNUNCIATOR_ON], memory.D[LOWEST_ANNUNCIATOR], rig.plc.annunciators(), memory.M[0]
 
-    bench.scan()
+    rig.scan()
     assert seen() == (False, 0, [], False)
-    bench.scan(7)
+    rig.scan(7)
     assert seen() == (True, 907, [907], False)
-    bench.scan(5)
+    rig.scan(5)
     assert seen() == (True, 905, [905, 907], True)
-    bench.scan(10)
+    rig.scan(10)
     assert seen() == (True, 907, [907], True)
-    bench.scan(11)
+    rig.scan(11)
     assert seen() == (False, 0, [], True)
-    bench.scan()
+    rig.scan()
     assert seen() == (False, 0, [], False)
 
 
@@ -457,7 +457,7 @@ def test_a_rung_that_an_fx2n_cannot_execute_is_rejected(declare: Callable[[], ob
 def test_rungs_with_a_common_first_contact_are_blocked_once_one_of_them_resets_it() -> None:
     """If consecutive rungs begin with the same contact, a rung that resets this contact blocks the rungs after it."""
     common = m(0)
-    bench = Bench(
+    rig = Rig(
         Set(common, when=m(8002)),
         Set(m(1), when=common & x(0)),
         Set(m(2), when=common & x(1)),
@@ -466,6 +466,6 @@ def test_rungs_with_a_common_first_contact_are_blocked_once_one_of_them_resets_i
         Mov(7, d(0), when=common),
         Set(m(4), when=~common & x(0)),
     )
-    bench.scan(0, 2)
-    assert [bench.plc.read(m(number)) for number in range(5)] == [0, 1, 0, 0, 1]
-    assert bench.plc.read(d(0)) == 0
+    rig.scan(0, 2)
+    assert [rig.plc.read(m(number)) for number in range(5)] == [0, 1, 0, 0, 1]
+    assert rig.plc.read(d(0)) == 0

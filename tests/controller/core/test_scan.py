@@ -13,7 +13,7 @@ from controller.core.input_filter import InputFilter
 from controller.core.program import Block, Program
 from controller.core.rungs import Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
 from controller.core.scan import Plc
-from tests.controller.core.core_rig import THOROUGH, Bench, d, levels, m, program_of, s, x, y
+from tests.controller.core.core_rig import THOROUGH, Rig, d, levels, m, program_of, s, x, y
 
 RUN, FIRST_SCAN, CLOCK_1_S = m(8000), m(8002), m(8013)
 
@@ -61,12 +61,12 @@ def interpret(rungs: list[Rung], memory: Memory) -> None:
 @given(st.lists(RUNGS, min_size=1, max_size=12), st.lists(st.sets(st.integers(0, 3)), min_size=1, max_size=10))
 def test_the_y_image_is_the_result_of_executing_the_rungs_in_order(rungs: list[Rung], inputs: list[set[int]]) -> None:
     rungs = without_double_coils(rungs)
-    bench, memory = Bench(*rungs), Memory()
+    rig, memory = Rig(*rungs), Memory()
     for on in inputs:
         memory.X[:32] = levels(*on)
         interpret(rungs, memory)
-        assert bench.scan(*on) == memory.Y
-        assert bench.memory.M[:6] == memory.M[:6]
+        assert rig.scan(*on) == memory.Y
+        assert rig.memory.M[:6] == memory.M[:6]
 
 
 @THOROUGH
@@ -75,18 +75,18 @@ def test_the_x_image_is_constant_during_a_scan(inputs: list[list[bool]]) -> None
     """All rungs of a scan read the same raw levels, and later changes of the terminals do not affect the image."""
     early = [Out(m(n), when=x(n)) for n in range(32)]
     late = [Out(y(n), when=x(n)) for n in range(32)]
-    bench = Bench(*early, Inc(d(0), when=RUN), *late)
+    rig = Rig(*early, Inc(d(0), when=RUN), *late)
     for terminals in inputs:
         given_levels = terminals.copy()
-        image = bench.plc.scan(bench.now_ms, terminals)
+        image = rig.plc.scan(rig.now_ms, terminals)
         terminals[:] = [not level for level in terminals]
-        assert bench.memory.M[:32] == image[:32] == bench.memory.X[:32] == given_levels
-        bench.now_ms += 10
+        assert rig.memory.M[:32] == image[:32] == rig.memory.X[:32] == given_levels
+        rig.now_ms += 10
 
 
 def test_a_coil_acts_on_later_rungs_in_the_same_scan_and_on_earlier_rungs_in_the_next_scan() -> None:
-    bench = Bench(Out(y(0), when=m(0)), Out(m(0), when=x(0)), Out(y(1), when=m(0)))
-    assert [bench.scan(*on)[:2] for on in ([0], [0], [], [])] == [
+    rig = Rig(Out(y(0), when=m(0)), Out(m(0), when=x(0)), Out(y(1), when=m(0)))
+    assert [rig.scan(*on)[:2] for on in ([0], [0], [], [])] == [
         [False, True],
         [True, True],
         [True, False],
@@ -102,11 +102,11 @@ def test_blocks_run_in_order() -> None:
 
 
 def test_the_returned_image_is_a_copy() -> None:
-    bench = Bench(Set(y(3), when=x(0)))
-    image = bench.scan(0)
+    rig = Rig(Set(y(3), when=x(0)))
+    image = rig.scan(0)
     image[:] = [not level for level in image]
-    assert bench.memory.Y[3]
-    assert bench.scan() == [number == 3 for number in range(256)]
+    assert rig.memory.Y[3]
+    assert rig.scan() == [number == 3 for number in range(256)]
 
 
 def test_two_plcs_with_the_same_program_share_no_state() -> None:
@@ -124,31 +124,31 @@ def test_two_plcs_with_the_same_program_share_no_state() -> None:
 
 @pytest.mark.parametrize(("relay", "scans"), [(FIRST_SCAN, "1..."), (RUN, "1111")])
 def test_m8002_is_on_in_the_first_scan_only_and_m8000_always(relay: Bit, scans: str) -> None:
-    bench = Bench(Out(m(0), when=relay), start_ms=5_000)
-    assert bench.track(m(0), [[]] * 4) == scans
-    assert bench.plc.scans == 4
+    rig = Rig(Out(m(0), when=relay), start_ms=5_000)
+    assert rig.track(m(0), [[]] * 4) == scans
+    assert rig.plc.scans == 4
 
 
 def test_m8013_is_on_in_the_first_half_of_every_second() -> None:
-    bench = Bench(Out(m(0), when=CLOCK_1_S), start_ms=0, scan_ms=250)
-    assert bench.track(m(0), [[]] * 9) == "11..11..1"
-    late = Bench(Out(m(0), when=CLOCK_1_S), start_ms=499, scan_ms=1)
+    rig = Rig(Out(m(0), when=CLOCK_1_S), start_ms=0, scan_ms=250)
+    assert rig.track(m(0), [[]] * 9) == "11..11..1"
+    late = Rig(Out(m(0), when=CLOCK_1_S), start_ms=499, scan_ms=1)
     assert late.track(m(0), [[]] * 2) == "1."
 
 
 def test_a_pressed_bit_is_on_in_the_next_scan() -> None:
-    bench = Bench(Out(m(1), when=m(0)), Rst(m(0)))
-    bench.plc.press(m(0))
-    assert bench.track(m(1), [[], []]) == "1."
+    rig = Rig(Out(m(1), when=m(0)), Rst(m(0)))
+    rig.plc.press(m(0))
+    assert rig.track(m(1), [[], []]) == "1."
 
 
 def test_any_device_can_be_written_before_and_read_after_a_scan() -> None:
-    bench = Bench()
+    rig = Rig()
     for device, value in ((m(7), 1), (s(7), 1), (d(7), -7), (Word("C", 7), 7), (Word("T", 7), 70)):
-        bench.plc.write(device, value)
-        assert bench.plc.read(device) == value
-    bench.plc.write(m(7), 0)
-    assert bench.plc.read(m(7)) == 0
+        rig.plc.write(device, value)
+        assert rig.plc.read(device) == value
+    rig.plc.write(m(7), 0)
+    assert rig.plc.read(m(7)) == 0
 
 
 def test_set_points_have_their_default_value_before_the_first_scan() -> None:

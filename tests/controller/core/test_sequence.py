@@ -16,7 +16,7 @@ from controller.core.program import requests
 from controller.core.rungs import Out, Rung, Set, ZoneReset
 from controller.core.scan import StepMachine
 from controller.core.sequence import Dwell, Sequence, Step, Timeout, To
-from tests.controller.core.core_rig import THOROUGH, Bench, base_pulses, m, s, t, x
+from tests.controller.core.core_rig import THOROUGH, Rig, base_pulses, m, s, t, x
 
 FIRST = 20
 STARTED = Set(s(FIRST), when=m(8002))
@@ -38,8 +38,8 @@ def seen(sequence: Sequence) -> list[Out]:
     return [Out(m(bit.number), when=bit) for bit, _ in sequence]
 
 
-def shown(bench: Bench) -> set[int]:
-    return {number for number in range(FIRST, 100) if bench.memory.M[number]}
+def shown(rig: Rig) -> set[int]:
+    return {number for number in range(FIRST, 100) if rig.memory.M[number]}
 
 
 # ---- transfers ------------------------------------------------------------------------------------------------
@@ -47,48 +47,48 @@ def shown(bench: Bench) -> set[int]:
 
 def test_source_and_destination_are_both_on_in_the_transfer_scan_only() -> None:
     sequence = chain("a", "b", "c")
-    bench = Bench(STARTED, sequence, *seen(sequence))
-    bench.scan()
-    assert (shown(bench), bench.states()) == ({20}, {20})
-    bench.scan(0)
-    assert (shown(bench), bench.states()) == ({20, 21}, {21})
-    bench.scan(0)
-    assert (shown(bench), bench.states()) == ({21}, {21})
+    rig = Rig(STARTED, sequence, *seen(sequence))
+    rig.scan()
+    assert (shown(rig), rig.states()) == ({20}, {20})
+    rig.scan(0)
+    assert (shown(rig), rig.states()) == ({20, 21}, {21})
+    rig.scan(0)
+    assert (shown(rig), rig.states()) == ({21}, {21})
 
 
 def test_a_destination_declared_later_acts_in_the_same_scan_and_may_cascade() -> None:
     sequence = chain("a", "b", "c", "d")
-    bench = Bench(STARTED, sequence, *seen(sequence))
-    bench.scan(0, 1)
-    assert (shown(bench), bench.states()) == ({20, 21, 22}, {22})
-    bench.scan(2)
-    assert (shown(bench), bench.states()) == ({22, 23}, {23})
+    rig = Rig(STARTED, sequence, *seen(sequence))
+    rig.scan(0, 1)
+    assert (shown(rig), rig.states()) == ({20, 21, 22}, {22})
+    rig.scan(2)
+    assert (shown(rig), rig.states()) == ({22, 23}, {23})
 
 
 def test_a_destination_declared_earlier_acts_in_the_next_scan() -> None:
     sequence = chain("a", "b", "c", last_to="a")
-    bench = Bench(Set(s(22), when=m(8002)), sequence, *seen(sequence))
-    bench.scan(0, 2)
-    assert (shown(bench), bench.states()) == ({20, 22}, {20})
-    bench.scan(0, 2)
-    assert (shown(bench), bench.states()) == ({20, 21}, {21})
+    rig = Rig(Set(s(22), when=m(8002)), sequence, *seen(sequence))
+    rig.scan(0, 2)
+    assert (shown(rig), rig.states()) == ({20, 22}, {20})
+    rig.scan(0, 2)
+    assert (shown(rig), rig.states()) == ({20, 21}, {21})
 
 
 def test_a_step_left_and_re_entered_in_one_scan_stays_on() -> None:
     sequence = chain("a", "b", last_to="a")
-    bench = Bench(STARTED, sequence, *seen(sequence))
-    bench.scan(0, 1)
-    assert (shown(bench), bench.states()) == ({20, 21}, {20})
+    rig = Rig(STARTED, sequence, *seen(sequence))
+    rig.scan(0, 1)
+    assert (shown(rig), rig.states()) == ({20, 21}, {20})
 
 
 def test_a_transfer_to_itself_keeps_the_step_on() -> None:
-    bench = Bench(STARTED, Sequence("loop", FIRST, [step("a", To("a", when=x(0)), To("b", when=x(1))), step("b")]))
-    bench.scan(0)
-    assert bench.states() == {20}
-    bench.scan(0, 1)
-    assert bench.states() == {20}
-    bench.scan(1)
-    assert bench.states() == {21}
+    rig = Rig(STARTED, Sequence("loop", FIRST, [step("a", To("a", when=x(0)), To("b", when=x(1))), step("b")]))
+    rig.scan(0)
+    assert rig.states() == {20}
+    rig.scan(0, 1)
+    assert rig.states() == {20}
+    rig.scan(1)
+    assert rig.states() == {21}
 
 
 @pytest.mark.parametrize(
@@ -96,23 +96,23 @@ def test_a_transfer_to_itself_keeps_the_step_on() -> None:
 )
 def test_the_first_true_transition_wins(buttons: tuple[int, ...], taken: int) -> None:
     go = [To(title, when=x(n)) for n, title in enumerate("bcd")]
-    bench = Bench(STARTED, Sequence("choice", FIRST, [step("a", *go), step("b"), step("c"), step("d")]))
-    bench.scan(*buttons)
-    assert bench.states() == {taken}
+    rig = Rig(STARTED, Sequence("choice", FIRST, [step("a", *go), step("b"), step("c"), step("d")]))
+    rig.scan(*buttons)
+    assert rig.states() == {taken}
 
 
 def test_an_unconditional_transition_masks_those_below_it() -> None:
     go = [To("b", when=TRUE), To("c", when=x(0))]
-    bench = Bench(STARTED, Sequence("choice", FIRST, [step("a", *go), step("b"), step("c")]))
-    bench.scan(0)
-    assert bench.states() == {21}
+    rig = Rig(STARTED, Sequence("choice", FIRST, [step("a", *go), step("b"), step("c")]))
+    rig.scan(0)
+    assert rig.states() == {21}
 
 
 def test_the_first_true_transition_is_taken_even_if_it_makes_a_later_one_true() -> None:
     go = [To("b", when=~s(21)), To("c", when=s(21))]
-    bench = Bench(STARTED, Sequence("choice", FIRST, [step("a", *go), step("b"), step("c")]))
-    bench.scan()
-    assert bench.states() == {21}
+    rig = Rig(STARTED, Sequence("choice", FIRST, [step("a", *go), step("b"), step("c")]))
+    rig.scan()
+    assert rig.states() == {21}
 
 
 def test_conditions_of_transfers_are_mutually_exclusive() -> None:
@@ -130,12 +130,12 @@ def test_if_not_enabled_steps_keep_driving_their_requests_but_no_transfer_fires(
     request, enabled = m(0), m(1)
     row = Step("a", hold=[request], dwell=Dwell(Timer(200), 20), go=[To("b", when=t(200))])
     sequence = Sequence("gated", FIRST, [row, step("b")], enable=enabled)
-    bench = Bench(STARTED, sequence, Out(request, when=s(20)), Out(m(2), when=t(200)))
-    assert bench.track(s(21), [[]] * 5) == "....."
-    assert bench.memory.M[:3] == [True, False, True]
-    bench.plc.write(enabled, 1)
-    assert bench.track(s(21), [[]]) == "1"
-    assert bench.states() == {21}
+    rig = Rig(STARTED, sequence, Out(request, when=s(20)), Out(m(2), when=t(200)))
+    assert rig.track(s(21), [[]] * 5) == "....."
+    assert rig.memory.M[:3] == [True, False, True]
+    rig.plc.write(enabled, 1)
+    assert rig.track(s(21), [[]]) == "1"
+    assert rig.states() == {21}
 
 
 def test_steps_are_accessible_by_title_and_in_order() -> None:
@@ -158,20 +158,20 @@ def dwelling() -> list[Rung | Sequence]:
 
 
 def test_a_dwell_lasts_its_time_and_its_timer_is_then_reset() -> None:
-    bench = Bench(*dwelling())
-    assert bench.track(s(22), [[1], [], [], []]) == "...1"  # entered at 0 ms, elapsed at 30 ms
-    assert bench.memory.T[200]
-    bench.scan()
-    assert (bench.memory.T[200], bench.memory.TV[200], bench.memory.TS[200]) == (False, 0, -1)
+    rig = Rig(*dwelling())
+    assert rig.track(s(22), [[1], [], [], []]) == "...1"  # entered at 0 ms, elapsed at 30 ms
+    assert rig.memory.T[200]
+    rig.scan()
+    assert (rig.memory.T[200], rig.memory.TV[200], rig.memory.TS[200]) == (False, 0, -1)
 
 
 @pytest.mark.parametrize("exit_buttons", [[0], []])
 def test_a_dwell_does_not_carry_over_to_the_next_entry(exit_buttons: list[int]) -> None:
-    bench = Bench(*dwelling())
-    bench.track(s(22), [[1], [], []])
-    assert bench.track(s(22), [exit_buttons, [], []]) == "111"
+    rig = Rig(*dwelling())
+    rig.track(s(22), [[1], [], []])
+    assert rig.track(s(22), [exit_buttons, [], []]) == "111"
     assert (
-        bench.track(s(21), [[1], [], [], [], []]) == "1111."
+        rig.track(s(21), [[1], [], [], [], []]) == "1111."
     )  # entered from a later step: the dwell starts in the next scan
 
 
@@ -182,11 +182,11 @@ def test_a_dwell_whose_timer_is_never_executed_undriven_continues_as_on_the_fx()
         step("dwell", To("back", when=x(0) | t(200)), dwell=Dwell(Timer(200), 30)),
         step("back", To("ask", when=TRUE)),
     ]
-    bench = Bench(STARTED, Sequence("adjacent", FIRST, rows))
-    bench.track(s(21), [[], []])
-    bench.scan(0)
-    assert bench.states() == {20}
-    assert bench.track(t(200), [[]]) == "1"
+    rig = Rig(STARTED, Sequence("adjacent", FIRST, rows))
+    rig.track(s(21), [[], []])
+    rig.scan(0)
+    assert rig.states() == {20}
+    assert rig.track(t(200), [[]]) == "1"
 
 
 # ---- S bits are authoritative ---------------------------------------------------------------------------------
@@ -207,66 +207,66 @@ def fired(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
 
 
 def test_the_state_machine_is_called_for_transfers_only(fired: list[tuple[str, str]]) -> None:
-    bench = Bench(STARTED, chain("a", "b", "c", last_to="a"))
+    rig = Rig(STARTED, chain("a", "b", "c", last_to="a"))
     for buttons in ([], [1], [2], [1, 2], []):
-        bench.scan(*buttons)
+        rig.scan(*buttons)
     assert fired == []
-    bench.scan(0, 1)
+    rig.scan(0, 1)
     assert fired == [("a", "b"), ("b", "c")]
-    bench.scan()
-    bench.scan(2)
+    rig.scan()
+    rig.scan(2)
     assert fired[2:] == [("c", "a")]
 
 
 def test_a_step_set_by_a_rung_starts_and_the_state_machine_follows(fired: list[tuple[str, str]]) -> None:
     sequence = chain("a", "b", "c", "d")
-    bench = Bench(STARTED, ZoneReset(s(20), s(23), when=x(8)), Set(s(22), when=x(9)), sequence)
-    bench.scan()
-    bench.scan(8, 9)
-    assert bench.states() == {22}
-    bench.scan(0, 1)
-    assert (bench.states(), fired) == ({22}, [])
-    bench.scan(2)
-    assert (bench.states(), fired) == ({23}, [("c", "d")])
+    rig = Rig(STARTED, ZoneReset(s(20), s(23), when=x(8)), Set(s(22), when=x(9)), sequence)
+    rig.scan()
+    rig.scan(8, 9)
+    assert rig.states() == {22}
+    rig.scan(0, 1)
+    assert (rig.states(), fired) == ({22}, [])
+    rig.scan(2)
+    assert (rig.states(), fired) == ({23}, [("c", "d")])
 
 
 def test_every_step_that_is_on_is_executed_even_if_set_by_a_rung(fired: list[tuple[str, str]]) -> None:
-    bench = Bench(STARTED, Set(s(22), when=m(8002)), chain("a", "b", "c", "d"))
-    bench.scan(0, 2)
-    assert bench.states() == {21, 23}
+    rig = Rig(STARTED, Set(s(22), when=m(8002)), chain("a", "b", "c", "d"))
+    rig.scan(0, 2)
+    assert rig.states() == {21, 23}
     assert fired == [("a", "b"), ("c", "d")]
 
 
 def test_a_sequence_with_no_step_on_does_nothing(fired: list[tuple[str, str]]) -> None:
-    bench = Bench(chain("a", "b", last_to="a"))
+    rig = Rig(chain("a", "b", last_to="a"))
     for _ in range(3):
-        bench.scan(0, 1)
-    assert (bench.states(), fired) == (set(), [])
+        rig.scan(0, 1)
+    assert (rig.states(), fired) == (set(), [])
 
 
 def test_steps_reset_in_the_scan_of_a_transfer_stay_off() -> None:
-    bench = Bench(STARTED, chain("a", "b", "c"), ZoneReset(s(20), s(22), when=x(8)))
-    bench.scan(0, 8)
-    assert bench.states() == set()
-    bench.scan(0, 1)
-    assert bench.states() == set()
+    rig = Rig(STARTED, chain("a", "b", "c"), ZoneReset(s(20), s(22), when=x(8)))
+    rig.scan(0, 8)
+    assert rig.states() == set()
+    rig.scan(0, 1)
+    assert rig.states() == set()
 
 
 def test_a_source_set_again_after_its_transfer_is_still_reset_at_end() -> None:
-    bench = Bench(STARTED, chain("a", "b"), Set(s(20), when=x(8)))
-    bench.scan(0, 8)
-    assert bench.states() == {21}
-    bench.scan(8)
-    assert bench.states() == {20, 21}
+    rig = Rig(STARTED, chain("a", "b"), Set(s(20), when=x(8)))
+    rig.scan(0, 8)
+    assert rig.states() == {21}
+    rig.scan(8)
+    assert rig.states() == {20, 21}
 
 
 def test_two_sequences_are_independent() -> None:
     other = Sequence("other", 40, [step("a", To("b", when=x(5))), step("b", To("a", when=x(6)))])
-    bench = Bench(STARTED, Set(s(40), when=m(8002)), chain("a", "b", last_to="a"), other)
+    rig = Rig(STARTED, Set(s(40), when=m(8002)), chain("a", "b", last_to="a"), other)
     expected = {(0,): {21, 40}, (5,): {21, 41}, (1, 6): {20, 40}, (0, 5): {21, 41}, (1,): {20, 41}}
     for buttons, states in expected.items():
-        bench.scan(*buttons)
-        assert bench.states() == states
+        rig.scan(*buttons)
+        assert rig.states() == states
 
 
 # ---- requests and limits --------------------------------------------------------------------------------------
@@ -287,8 +287,8 @@ def test_a_request_lists_every_step_that_holds_it_and_a_limit_lists_its_step() -
     assert requests([one, two]) == {up: [s(20), s(21)], down: [s(21), s(40)]}
     assert (one.holding(up), one.holding(down), two.holding(up)) == ([s(20), s(21)], [s(21)], [])
     assert two.limits() == []
-    bench = Bench(STARTED, one, two, *one.limits(), scan_ms=100)
-    assert bench.track(s(900), [[], [], [], []]) == "...1"
+    rig = Rig(STARTED, one, two, *one.limits(), scan_ms=100)
+    assert rig.track(s(900), [[], [], [], []]) == "...1"
 
 
 # ---- comparison with a reference model ------------------------------------------------------------------------
@@ -388,36 +388,36 @@ def test_any_two_sequences_follow_the_rules_of_the_step_ladder(
     rungs_before: list[Rung] = [ZoneReset(s(20), s(49), when=x(AWAY_BEFORE))]
     rungs_before += [Set(bit, when=x(START) | m(8002)) for bit in (s(20), s(40))]
     show = [out for sequence in sequences for out in seen(sequence)]
-    bench = Bench(*rungs_before, *sequences, *show, ZoneReset(s(20), s(49), when=x(AWAY_AFTER)))
+    rig = Rig(*rungs_before, *sequences, *show, ZoneReset(s(20), s(49), when=x(AWAY_AFTER)))
     oracles = {20: StepSet(one), 40: StepSet(two)}
     for n, (buttons, interval_ms) in enumerate(scans):
-        before_ms = bench.now_ms
-        bench.scan(*buttons, after_ms=interval_ms)
-        pulses = base_pulses(before_ms, bench.now_ms, 10)
+        before_ms = rig.now_ms
+        rig.scan(*buttons, after_ms=interval_ms)
+        pulses = base_pulses(before_ms, rig.now_ms, 10)
         for oracle in oracles.values():
             oracle.on -= oracle.on if AWAY_BEFORE in buttons else set()
             oracle.on |= {0} if START in buttons or n == 0 else set()
             oracle.turn(buttons, pulses)
-        assert shown(bench) == {first + n for first, oracle in oracles.items() for n in oracle.on}
+        assert shown(rig) == {first + n for first, oracle in oracles.items() for n in oracle.on}
         for oracle in oracles.values():
             oracle.on -= oracle.on if AWAY_AFTER in buttons else set()
             oracle.end()
-        assert bench.states() == {first + n for first, oracle in oracles.items() for n in oracle.on}
+        assert rig.states() == {first + n for first, oracle in oracles.items() for n in oracle.on}
 
 
 def test_a_press_is_consumed_by_the_first_transfer() -> None:
     """If all transitions are true and each transfer consumes the press, one press advances the sequence by one step."""
     armed = m(1)
     rows = [step("a", To("b", x(0))), step("b", To("c", x(0))), step("c", To("a", x(0)))]
-    bench = Bench(STARTED, Sequence("stepped", FIRST, rows, enable=armed, consumes=armed))
-    bench.scan(0)
-    assert bench.states() == {FIRST}
+    rig = Rig(STARTED, Sequence("stepped", FIRST, rows, enable=armed, consumes=armed))
+    rig.scan(0)
+    assert rig.states() == {FIRST}
     for expected in (FIRST + 1, FIRST + 2, FIRST):
-        bench.plc.write(armed, 1)
+        rig.plc.write(armed, 1)
         for _ in range(2):
-            bench.scan(0)
-        assert bench.states() == {expected}
-        assert not bench.plc.read(armed)
+            rig.scan(0)
+        assert rig.states() == {expected}
+        assert not rig.plc.read(armed)
 
 
 def test_the_limit_of_a_blocked_step_stops_when_a_transition_is_true() -> None:
@@ -426,7 +426,7 @@ def test_the_limit_of_a_blocked_step_stops_when_a_transition_is_true() -> None:
     row = Step("a", hold=[m(0)], go=[To("b", when=x(0))], watch=Timeout(200, alarm, Timer(0)))
     sequence = Sequence("gated", FIRST, [row, step("b")], enable=armed)
     for reached in (True, False):
-        bench = Bench(STARTED, sequence, *sequence.limits())
+        rig = Rig(STARTED, sequence, *sequence.limits())
         for _ in range(40):
-            bench.scan(*([0] if reached else []))
-        assert (900 in bench.states()) is not reached
+            rig.scan(*([0] if reached else []))
+        assert (900 in rig.states()) is not reached

@@ -7,7 +7,7 @@ from controller.core.rungs import Mov, Rst, Set
 from controller.events.alarm_list import AlarmChange, AlarmList, AlarmRow, AlarmState
 from controller.program.alarms import Alarm, Severity
 from controller.program.texts.alarms import ALARMS
-from tests.controller.core.core_rig import Bench, d, s, x
+from tests.controller.core.core_rig import Rig, d, s, x
 
 NORMAL, UNACKNOWLEDGED, ACKNOWLEDGED, RETURNED, LATCHED, LATCHED_ACKNOWLEDGED, SHELVED = AlarmState
 
@@ -39,7 +39,7 @@ class AlarmRig:
 
     def __init__(self) -> None:
         fault = s(E_STOP) | s(JAM) | s(AIR)
-        self.bench = Bench(
+        self.core = Rig(
             *(Rst(s(number), when=x(RESET) & ~x(cause)) for number, cause in CAUSES.items()),
             *(Set(s(number), when=x(cause)) for number, cause in CAUSES.items()),
             Rst(s(EMPTY), when=~x(CAUSES[EMPTY])),
@@ -51,13 +51,13 @@ class AlarmRig:
 
     @property
     def now_ms(self) -> int:
-        return self.bench.now_ms
+        return self.core.now_ms
 
     def scan(self, *causes: int, reset: bool = False, after_ms: int | None = None) -> None:
         """Scan with the causes of these annunciators present."""
         terminals = [CAUSES[number] for number in causes] + [RESET] * reset
-        self.bench.scan(*terminals, after_ms=after_ms)
-        self.list(self.now_ms, self.bench.plc)
+        self.core.scan(*terminals, after_ms=after_ms)
+        self.list(self.now_ms, self.core.plc)
 
     def row(self, number: int) -> AlarmRow | None:
         return next((row for row in self.list.rows() if row.alarm.bit.number == number), None)

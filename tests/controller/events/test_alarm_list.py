@@ -382,5 +382,5 @@ def test_after_random_actions_no_alarm_is_lost_and_no_stopping_alarm_is_shelved(
             states[change.number] = change.after
         rows = rig.list.rows()
         assert {row.alarm.bit.number: row.state for row in rows} == {n: a for n, a in states.items() if a is not NORMAL}
-        assert set(rig.bench.plc.annunciators()) <= {row.alarm.bit.number for row in rows}
+        assert set(rig.core.plc.annunciators()) <= {row.alarm.bit.number for row in rows}
         assert [row for row in rows if row.shelved_until_ms is not None and row.shelved_until_ms <= rig.now_ms] == []

@@ -175,7 +175,7 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
 }
 
 
-class Situation:
+class RestingMachine:
     """Memory after a scan of a machine at rest, with a full tray that is not in place; conditions can be made true."""
 
     def __init__(self) -> None:
@@ -239,7 +239,7 @@ def arm_facts(side: Side) -> dict[str, Expr]:
 
 def situation(on: set[str], side: Side) -> Memory:
     """Return a memory with these conditions true; conditions of an arm refer to the given side."""
-    here, facts = Situation(), machine_facts()
+    here, facts = RestingMachine(), machine_facts()
     words = here.memory.D
     arm, other = TAGS.arms[side], SAFETY.arms["right" if side == "left" else "left"]
     for name in on:

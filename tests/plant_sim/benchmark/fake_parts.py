@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 
 from plant_sim.benchmark.host import ProcessorTimes
-from plant_sim.benchmark.part import BenchFigure, BenchPart, Measurement
+from plant_sim.benchmark.part import BenchmarkFigure, BenchmarkPart, Measurement
 
-SPEED = BenchFigure("speed", "m/s", at_least=2)
-GAP = BenchFigure("gap", "mm", absent="there was no gap")
+SPEED = BenchmarkFigure("speed", "m/s", at_least=2)
+GAP = BenchmarkFigure("gap", "mm", absent="there was no gap")
 
 
-def part(name: str, measure: Measurement, *, repetitions: int = 3, by_default: bool = True) -> BenchPart:
+def part(name: str, measure: Measurement, *, repetitions: int = 3, by_default: bool = True) -> BenchmarkPart:
     """Return a part with the figures speed and gap."""
     figures = {"speed": SPEED, "gap": GAP}
-    return BenchPart(name, f"Part {name}", "Explained.", repetitions, measure, figures, by_default)
+    return BenchmarkPart(name, f"Part {name}", "Explained.", repetitions, measure, figures, by_default)
 
 
 def in_turn(results: Iterable[Mapping[str, float] | BaseException]) -> Measurement:

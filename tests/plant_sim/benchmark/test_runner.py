@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from plant_sim.benchmark.part import BenchPart, lazily
+from plant_sim.benchmark.part import BenchmarkPart, lazily
 from plant_sim.benchmark.results.record import PartRecord
 from plant_sim.benchmark.runner import run_parts
 from plant_sim.twin.process import LiveError
 from tests.plant_sim.benchmark.fake_parts import idle_clock, in_turn, part, steady
 
 
-def run(*parts: BenchPart, repetitions: int | None = None, busy_s: tuple[float, ...] = ()) -> dict[str, PartRecord]:
+def run(*parts: BenchmarkPart, repetitions: int | None = None, busy_s: tuple[float, ...] = ()) -> dict[str, PartRecord]:
     """Run parts on an idle computer, or beside processes that use `busy_s`."""
     return run_parts(parts, seed=1, repetitions=repetitions, report=lambda _name, _part: None, clock=idle_clock(busy_s))
 

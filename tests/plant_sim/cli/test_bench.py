@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from plant_sim.benchmark import catalogue
-from plant_sim.benchmark.part import BenchPart
+from plant_sim.benchmark.part import BenchmarkPart
 from plant_sim.cli.main import main
 from plant_sim.common.whole_file import write_whole
 from plant_sim.twin.process import LiveError
@@ -27,7 +27,7 @@ def _signals() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-def use(monkeypatch: pytest.MonkeyPatch, *parts: BenchPart) -> None:
+def use(monkeypatch: pytest.MonkeyPatch, *parts: BenchmarkPart) -> None:
     monkeypatch.setattr(catalogue, "PARTS", parts)
 
 

@@ -13,8 +13,8 @@ from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import Transplanter, build
 from plant_sim.hil.bench import Bench
+from plant_sim.hil.bench_run import BenchRun, CaseResult, CaseVerdict
 from plant_sim.hil.delaying_module import DelayingModule
-from plant_sim.hil.session import CaseResult, CaseVerdict, Session
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
@@ -71,17 +71,17 @@ def judge(
     transplanter = program(io_map)
     plc = Plc(transplanter.program, execution=MachineExecution(transplanter.program))
     runtime = Runtime(transplanter, plc, link, DirectRetentiveWriter(MemoryStore()))
-    session = Session(bench, groups=groups, only=only, reference_lost=reference_lost)
+    run = BenchRun(bench, groups=groups, only=only, reference_lost=reference_lost)
     ended: list[int] = []
-    bench.play(session.story(), ended=lambda: ended.append(bench.now_ms))
+    bench.play(run.procedure(), ended=lambda: ended.append(bench.now_ms))
     now_ms = 0
     while not ended:
         assert now_ms < LIMIT_MS, "the bench does not end"
         runtime.tick(now_ms)
         module.advance(SCAN_MS)
         now_ms += SCAN_MS
-    assert session.is_complete
-    return session.results, bench
+    assert run.is_complete
+    return run.results, bench
 
 
 def failures(results: Iterable[CaseResult]) -> dict[str, list[str]]:

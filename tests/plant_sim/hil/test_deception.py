@@ -6,9 +6,9 @@ import pytest
 
 from plant_sim.faults import parse_fault
 from plant_sim.hil.bench import Bench
+from plant_sim.hil.bench_run import CaseVerdict
 from plant_sim.hil.delaying_module import DelayingModule
-from plant_sim.hil.session import CaseVerdict
-from plant_sim.hil.story import NotRunError
+from plant_sim.hil.procedure import NotRunError
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from tests.plant_sim.hil.hil_rig import SCAN_MS, default_map, failures, judge

@@ -23,7 +23,7 @@ test_claws.py), and it falls 80 mm in 127.7 ms."""
 Seen = TypeVar("Seen")
 
 
-class Situation(NamedTuple):
+class MotionState(NamedTuple):
     """Complete motion state of the machine at one time, excluding the seedlings."""
 
     state: NDArray[Any]
@@ -94,12 +94,12 @@ class Rig:
             seen.append(read())
         return seen
 
-    def save(self) -> Situation:
-        return Situation(self.plant.state.copy(), self.plant.time_ms)
+    def save(self) -> MotionState:
+        return MotionState(self.plant.state.copy(), self.plant.time_ms)
 
-    def restore(self, situation: Situation) -> None:
-        self.plant.state[:] = situation.state
-        self.plant.time_ms = situation.time_ms
+    def restore(self, motion_state: MotionState) -> None:
+        self.plant.state[:] = motion_state.state
+        self.plant.time_ms = motion_state.time_ms
 
     def bring_tray(self) -> None:
         self.run_until(lambda: self.plant.conveyor.front_m[0] >= -0.015, "tray_run", "tray_forward")

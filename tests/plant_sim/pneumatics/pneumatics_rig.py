@@ -1,4 +1,4 @@
-"""Test bench for cylinders and their air: inputs are the coil levels, outputs the states of every step."""
+"""Test rig for cylinders and their air: inputs are the coil levels, outputs the states of every step."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +22,7 @@ IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 
 SLIDE, LIFT, CLAWS = range(3)
-"""Index of each cylinder of an arm on the bench."""
+"""Index of each cylinder of an arm on the rig."""
 
 PLUS, MINUS, OFF = (True, False), (False, True), (False, False)
 """Coil levels of one cylinder."""
@@ -44,7 +44,7 @@ class Trace:
     supply: NDArray[Any]
 
 
-class Bench:
+class Rig:
     """Supply with some cylinders.
 
     Attributes:
@@ -158,7 +158,7 @@ def _drive(
             seen_supply[row] = flat_supply
 
 
-def machine_bench(values: dict[str, Value] | None = None, *, step_s: float | None = None) -> Bench:
+def machine_bench(values: dict[str, Value] | None = None, *, step_s: float | None = None) -> Rig:
     """Return slide, lift and claws of one arm with the supply of the machine, in the state after a normal stop.
 
     Args:
@@ -169,13 +169,13 @@ def machine_bench(values: dict[str, Value] | None = None, *, step_s: float | Non
     plant = Plant(IO_MAP, machine, seed=1)
     step_s = machine.step_s if step_s is None else step_s
     state, params = plant.state[0], plant.params[0]
-    bench = Bench(3, ideal=False, step_s=step_s)
-    bench.gas[0] = params["gas"]
-    bench.gas[0]["step_s"] = step_s
-    bench.supply[0], bench.supply_params[0] = state["air"]["network"], params["air"]["network"]
+    rig = Rig(3, ideal=False, step_s=step_s)
+    rig.gas[0] = params["gas"]
+    rig.gas[0]["step_s"] = step_s
+    rig.supply[0], rig.supply_params[0] = state["air"]["network"], params["air"]["network"]
     for number, name in enumerate(("slide", "lift", "claws")):
-        bench.cylinders[number], bench.all_params[number] = state["arms"][0][name], params["arms"][0][name]
-    return bench
+        rig.cylinders[number], rig.all_params[number] = state["arms"][0][name], params["arms"][0][name]
+    return rig
 
 
 def textbook_bench(
@@ -186,8 +186,8 @@ def textbook_bench(
     load_kg: float = 10.0,
     throttle_m3_s_pa: float = 1e-7,
     step_s: float = 0.001,
-) -> Bench:
-    """Return a bench with an ideal supply, wide lines and one rigid, frictionless cylinder, vented and at position 0.
+) -> Rig:
+    """Return a rig with an ideal supply, wide lines and one rigid, frictionless cylinder, vented and at position 0.
 
     Args:
         bore_m: Bore, m.
@@ -197,8 +197,8 @@ def textbook_bench(
         throttle_m3_s_pa: Conductance of the meter-out throttles, m3/(s Pa).
         step_s: Length of a step, s.
     """
-    bench = Bench(1, ideal=True, step_s=step_s)
-    params = bench.all_params[0]
+    rig = Rig(1, ideal=True, step_s=step_s)
+    params = rig.all_params[0]
     params["stroke_m"], params["load_kg"] = stroke_m, load_kg
     params["plus_area_m2"] = np.pi / 4 * bore_m**2
     params["minus_area_m2"] = np.pi / 4 * (bore_m**2 - rod_m**2)
@@ -209,13 +209,13 @@ def textbook_bench(
         line["tube_m3_s_pa"], line["tube_m3"], line["dead_m3"] = 1e-6, 20e-6, 40e-6
         line["tube_ratio"] = 0.3
         line["free_m3_s_pa"], line["throttle_m3_s_pa"], line["critical_ratio"] = 1e-7, throttle_m3_s_pa, 0.3
-    put(bench, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA)
-    return bench
+    put(rig, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA)
+    return rig
 
 
-def put(bench: Bench, number: int, position_m: float, plus_pa: float, minus_pa: float) -> None:
+def put(rig: Rig, number: int, position_m: float, plus_pa: float, minus_pa: float) -> None:
     """Set a cylinder to a position at rest, with absolute chamber pressures and vented tubes."""
-    c, params, gas = bench.cylinders[number], bench.all_params[number], bench.gas[0]
+    c, params, gas = rig.cylinders[number], rig.all_params[number], rig.gas[0]
     place_cylinder(c, params, position_m, ATMOSPHERE_PA, gas)
     vent_tubes(c, params, gas)
     for line, pressure_pa in (("plus", plus_pa), ("minus", minus_pa)):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from tests.plant_sim.pneumatics.air_oracle import Cylinder
 from tests.plant_sim.pneumatics.chamber_oracle import read, read_params, values
-from tests.plant_sim.pneumatics.pneumatics_rig import CLAWS, LIFT, SLIDE, Bench, Trace, machine_bench, put
+from tests.plant_sim.pneumatics.pneumatics_rig import CLAWS, LIFT, SLIDE, Rig, Trace, machine_bench, put
 from tests.plant_sim.pneumatics.supply_oracle import Supply
 from tests.sampling import first_of
 
@@ -43,17 +43,17 @@ FAULTS: dict[str, tuple[int, tuple[str, ...], float]] = {
 class Twin:
     """Arm with its supply, in both implementations."""
 
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
-        self.gas = read_params(bench.gas[0])
-        self.supply = read(Supply, bench.supply[0])
-        self.cylinders = [read(Cylinder, record) for record in bench.cylinders]
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self.gas = read_params(rig.gas[0])
+        self.supply = read(Supply, rig.supply[0])
+        self.cylinders = [read(Cylinder, record) for record in rig.cylinders]
 
     def run(self, steps: int, coils: tuple[bool, ...], *, fed: bool = True, every: int = 5) -> None:
         """Step both implementations with the same coils and compare their complete states every few steps."""
-        trace = self.bench.run(steps * self.bench.step_s, np.reshape(coils, (3, 2)), fed=fed, every=every)
-        all_params = [read_params(record) for record in self.bench.all_params]
-        supply_params = read_params(self.bench.supply_params[0])
+        trace = self.rig.run(steps * self.rig.step_s, np.reshape(coils, (3, 2)), fed=fed, every=every)
+        all_params = [read_params(record) for record in self.rig.all_params]
+        supply_params = read_params(self.rig.supply_params[0])
         supply = self.supply
         for step in range(steps):
             supply.step(supply_params, fed, self.gas)
@@ -99,8 +99,8 @@ def random_coils(rng: np.random.Generator) -> tuple[bool, ...]:
 def test_both_implementations_agree_under_random_coils(seed: int, step_s: float, thermal: int) -> None:
     """The test runs 4000 steps in 10 segments; in about one segment in six, the relay de-energises the dump valve."""
     rng = np.random.default_rng(seed)
-    bench = machine_bench({"air.thermal": bool(thermal)}, step_s=step_s)
-    twin = Twin(bench)
+    rig = machine_bench({"air.thermal": bool(thermal)}, step_s=step_s)
+    twin = Twin(rig)
     for steps in rng.multinomial(400, [0.1] * 10) * 10:
         twin.run(int(steps), random_coils(rng), fed=bool(rng.random() > 1 / 6))
 
@@ -116,44 +116,44 @@ def test_both_implementations_agree_under_random_coils(seed: int, step_s: float,
 def test_both_implementations_agree_with_any_fault(
     segments: list[tuple[int, tuple[bool, ...], bool]], faults: set[str], pressure_pa: float
 ) -> None:
-    bench = machine_bench({"supply.pressure_pa": pressure_pa})
+    rig = machine_bench({"supply.pressure_pa": pressure_pa})
     for name in faults:
         number, way, value = FAULTS[name]
-        target: Any = bench.all_params[number]
+        target: Any = rig.all_params[number]
         for part in way[:-1]:
             target = target[part]
         target[way[-1]] = value
-    twin = Twin(bench)
+    twin = Twin(rig)
     for tens, coils, fed in segments:
         twin.run(10 * tens, coils, fed=fed)
 
 
 def test_both_implementations_agree_on_decoupling_and_recoupling() -> None:
     """A carriage blocked at 0.3 m decouples at 0.8 MPa; it recouples only if the piston passes it slowly."""
-    bench = machine_bench(
+    rig = machine_bench(
         {"supply.pressure_pa": 0.8e6, "supply.compressor_on_pa": 0.9e6, "supply.compressor_off_pa": 1e6}, step_s=0.001
     )
-    put(bench, SLIDE, 0.3, ATMOSPHERE_PA, ATMOSPHERE_PA)
-    bench.all_params[SLIDE]["recouples_m_s"] = 0.10
-    bench.all_params[SLIDE]["blocked"] = 1
-    twin = Twin(bench)
+    put(rig, SLIDE, 0.3, ATMOSPHERE_PA, ATMOSPHERE_PA)
+    rig.all_params[SLIDE]["recouples_m_s"] = 0.10
+    rig.all_params[SLIDE]["blocked"] = 1
+    twin = Twin(rig)
     twin.run(2000, (True, False) * 3)
     assert twin.cylinders[SLIDE].decoupled
-    bench.all_params[SLIDE]["blocked"] = 0
+    rig.all_params[SLIDE]["blocked"] = 0
     twin.run(4500, (False, True) * 3, every=20)
     assert twin.cylinders[SLIDE].decoupled
     assert twin.cylinders[SLIDE].piston_m < 0.0
     twin.run(4500, (True, False) * 3, every=20)
-    bench.all_params[SLIDE]["plus"]["throttle_m3_s_pa"] = 0.4e-9
+    rig.all_params[SLIDE]["plus"]["throttle_m3_s_pa"] = 0.4e-9
     twin.run(5000, (False, True) * 3)
     assert not twin.cylinders[SLIDE].decoupled
 
 
 def test_both_implementations_agree_on_supply_faults() -> None:
     """The compressor fails, the manifold leaks, and the claw check valve leaks; then the compressor is restored."""
-    bench = machine_bench({"supply.receiver_m3": 0.002})
-    twin = Twin(bench)
-    params = bench.supply_params[0]
+    rig = machine_bench({"supply.receiver_m3": 0.002})
+    twin = Twin(rig)
+    params = rig.supply_params[0]
     compressor_kg_s = float(params["compressor_kg_s"])
     params["compressor_kg_s"], params["leak_m3_s_pa"] = 0.0, 3e-8
     twin.run(800, (False,) * 6)

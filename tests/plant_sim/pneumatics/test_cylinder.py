@@ -17,7 +17,7 @@ from tests.plant_sim.pneumatics.pneumatics_rig import (
     OFF,
     PLUS,
     SLIDE,
-    Bench,
+    Rig,
     machine_bench,
     put,
     textbook_bench,
@@ -28,11 +28,11 @@ BAR_PA = 1e5
 
 def meter_out(gauge_pa: float, load_n: float) -> Any:
     """Return the records of case V4: a 50/20 cylinder with exhaust C = 0.54 dm3/(s bar) extends 1 m against a load."""
-    bench = textbook_bench(0.050, 0.020, load_kg=1.0, throttle_m3_s_pa=0.54e-8)
-    bench.all_params[0]["weight_n"] = -load_n
-    bench.feed(gauge_pa)
-    put(bench, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA + gauge_pa)
-    return bench.run(8.0, PLUS).cylinders[:, 0]
+    rig = textbook_bench(0.050, 0.020, load_kg=1.0, throttle_m3_s_pa=0.54e-8)
+    rig.all_params[0]["weight_n"] = -load_n
+    rig.feed(gauge_pa)
+    put(rig, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA + gauge_pa)
+    return rig.run(8.0, PLUS).cylinders[:, 0]
 
 
 def passes_ms(position_m: Any, at_m: float, step_s: float = 0.001) -> float:
@@ -79,15 +79,15 @@ def test_v8_force_of_a_cylinder(coils: tuple[bool, bool], sign: int, force_n: fl
     Source: AirTAC table, docs/sources/plant.md 2.
     """
     for share, moves in ((0.999, True), (1.001, False)):
-        bench = textbook_bench(0.050, 0.020, stroke_m=0.2, load_kg=10.0)
-        bench.feed(0.6e6)
-        put(bench, 0, 0.1, ATMOSPHERE_PA, ATMOSPHERE_PA)
-        bench.all_params[0]["blocked"] = 1
-        bench.run(3.0, coils)
-        bench.all_params[0]["blocked"] = 0
-        bench.all_params[0]["weight_n"] = sign * share * force_n
-        bench.run(3.0, coils)
-        way_m = -sign * (float(bench.cylinders[0]["position_m"]) - 0.1)
+        rig = textbook_bench(0.050, 0.020, stroke_m=0.2, load_kg=10.0)
+        rig.feed(0.6e6)
+        put(rig, 0, 0.1, ATMOSPHERE_PA, ATMOSPHERE_PA)
+        rig.all_params[0]["blocked"] = 1
+        rig.run(3.0, coils)
+        rig.all_params[0]["blocked"] = 0
+        rig.all_params[0]["weight_n"] = sign * share * force_n
+        rig.run(3.0, coils)
+        way_m = -sign * (float(rig.cylinders[0]["position_m"]) - 0.1)
         assert (way_m > 0.0) is moves
         assert abs(way_m) > 1e-5
 
@@ -97,36 +97,36 @@ def test_v10_air_consumed_by_the_tubes_per_cycle() -> None:
 
     The tubes are closed at the cylinder, and each is filled once per cycle.
     """
-    bench = textbook_bench(0.025)
-    bench.feed(0.5e6)
+    rig = textbook_bench(0.025)
+    rig.feed(0.5e6)
     for line in ("plus", "minus"):
-        params = bench.all_params[0][line]
+        params = rig.all_params[0][line]
         params["tube_m3"] = math.pi / 4 * 0.006**2 * 2.0
         params["free_m3_s_pa"] = params["throttle_m3_s_pa"] = 0.0
-    bench.all_params[0]["valve"]["conductance_m3_s_pa"] = 1e-8
-    put(bench, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA)
+    rig.all_params[0]["valve"]["conductance_m3_s_pa"] = 1e-8
+    put(rig, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA)
     for coils in (PLUS, MINUS, PLUS, MINUS):
-        before_kg = bench.cylinders[0]["plus"]["drawn_kg"] + bench.cylinders[0]["minus"]["drawn_kg"]
-        bench.run(4.0, coils)
-        after_kg = bench.cylinders[0]["plus"]["drawn_kg"] + bench.cylinders[0]["minus"]["drawn_kg"]
+        before_kg = rig.cylinders[0]["plus"]["drawn_kg"] + rig.cylinders[0]["minus"]["drawn_kg"]
+        rig.run(4.0, coils)
+        after_kg = rig.cylinders[0]["plus"]["drawn_kg"] + rig.cylinders[0]["minus"]["drawn_kg"]
         assert 2 * (after_kg - before_kg) / 1.185 * 1000 == pytest.approx(0.56, rel=0.02)
 
 
-def trapped(speed_m_s: float = 0.0, friction_n: float = 0.0, *, wall_s: float = NO_HEAT_S) -> Bench:
+def trapped(speed_m_s: float = 0.0, friction_n: float = 0.0, *, wall_s: float = NO_HEAT_S) -> Rig:
     """Return the case of plant.md 1.9: 10 kg on a 25 mm piston at 0.3 m between closed check valves.
 
     Both chambers are at 0.5 MPa abs and have a dead volume of 40 cm3.
     """
-    bench = textbook_bench(0.025, stroke_m=0.6, load_kg=10.0)
-    bench.gas[0]["wall_s"] = wall_s
-    params = bench.all_params[0]
+    rig = textbook_bench(0.025, stroke_m=0.6, load_kg=10.0)
+    rig.gas[0]["wall_s"] = wall_s
+    params = rig.all_params[0]
     params["friction"]["coulomb_n"] = params["friction"]["static_n"] = friction_n
     for line in ("plus", "minus"):
         params[line]["checked"], params[line]["crack_pa"] = 1, 1e4
         params[line]["pilot_ratio"], params[line]["pilot_least_pa"] = 0.5, 1e5
-    put(bench, 0, 0.3, 5e5, 5e5)
-    bench.cylinders[0]["speed_m_s"] = speed_m_s
-    return bench
+    put(rig, 0, 0.3, 5e5, 5e5)
+    rig.cylinders[0]["speed_m_s"] = speed_m_s
+    return rig
 
 
 @pytest.mark.parametrize(
@@ -187,10 +187,10 @@ def test_heat_transfer_damps_a_trapped_load() -> None:
 @pytest.mark.parametrize(("share", "moves"), [(0.999, False), (1.001, True)])
 def test_sticking_is_exact(share: float, moves: bool) -> None:
     """Under a force just below static friction, the position is constant for 20 s; just above it, the load moves."""
-    bench = trapped(0.0, 90.0)
-    bench.all_params[0]["friction"]["coulomb_n"] = 60.0
-    bench.all_params[0]["weight_n"] = share * 90.0
-    position_m = bench.run(20.0).cylinders["position_m"][:, 0]
+    rig = trapped(0.0, 90.0)
+    rig.all_params[0]["friction"]["coulomb_n"] = 60.0
+    rig.all_params[0]["weight_n"] = share * 90.0
+    position_m = rig.run(20.0).cylinders["position_m"][:, 0]
     assert (position_m != 0.3).any() == moves
 
 
@@ -200,29 +200,29 @@ def test_an_arm_at_rest_is_bit_identical(step_s: float) -> None:
 
     Except for the heat, in which the rounding errors of the energy add up to less than 1e-9 J.
     """
-    bench = machine_bench(step_s=step_s)
-    bench.run(12.0)
+    rig = machine_bench(step_s=step_s)
+    rig.run(12.0)
     records = []
     for _ in range(2):
-        record = bench.cylinders.copy()
+        record = rig.cylinders.copy()
         for line, part in product(("plus", "minus"), ("tube", "chamber", "cushion")):
-            assert np.abs(record[line][part]["heat_j"] - bench.cylinders[line][part]["heat_j"]).max() < 1e-9
+            assert np.abs(record[line][part]["heat_j"] - rig.cylinders[line][part]["heat_j"]).max() < 1e-9
             record[line][part]["heat_j"] = 0.0
         records.append(record.tobytes())
-        bench.run(60.0)
+        rig.run(60.0)
     assert records[0] == records[1]
 
 
 def test_a_stopped_arm_comes_to_rest_and_stays() -> None:
     """Stopped halfway, slide and lift come to rest within 2 s and keep bit-identical positions for a minute."""
-    bench = machine_bench()
-    bench.run(1.5, [PLUS, OFF, OFF])
-    bench.run(0.4, [PLUS, MINUS, OFF])
-    bench.run(2.0)
-    places_m = bench.cylinders["position_m"].copy()
+    rig = machine_bench()
+    rig.run(1.5, [PLUS, OFF, OFF])
+    rig.run(0.4, [PLUS, MINUS, OFF])
+    rig.run(2.0)
+    places_m = rig.cylinders["position_m"].copy()
     assert 0.05 < places_m[SLIDE] < 0.55
     assert 0.02 < places_m[LIFT] < 0.13
-    trace = bench.run(60.0, every=100)
+    trace = rig.run(60.0, every=100)
     assert (trace.cylinders["position_m"] == places_m).all()
 
 
@@ -239,12 +239,12 @@ def test_skipping_parts_at_rest_has_no_significant_effect() -> None:
     assert apart_m.max() > 0.0  # otherwise nothing was skipped, and the test would check nothing
 
 
-def quasi_static(bench: Bench, from_pa: float, to_pa: float, for_s: float) -> Any:
+def quasi_static(rig: Rig, from_pa: float, to_pa: float, for_s: float) -> Any:
     """Energise the plus coil while the manifold pressure changes slowly; return the records of the slide."""
     traces = []
     for gauge_pa in np.linspace(from_pa, to_pa, round(for_s / 0.1)):
-        bench.feed(float(gauge_pa))
-        traces.append(bench.run(0.1, PLUS, every=10).cylinders[:, SLIDE])
+        rig.feed(float(gauge_pa))
+        traces.append(rig.run(0.1, PLUS, every=10).cylinders[:, SLIDE])
     return np.concatenate(traces)
 
 
@@ -253,14 +253,14 @@ def test_the_magnet_decouples_at_the_catalogue_force() -> None:
 
     The force is 363 N on 490.9 mm2. Source: SMC, docs/sources/plant.md 0.2 and 1.8.
     """
-    bench = machine_bench()
-    bench.ideal = True
-    put(bench, SLIDE, 0.3, ATMOSPHERE_PA, ATMOSPHERE_PA)
-    bench.all_params[SLIDE]["blocked"] = 1
-    bench.all_params[SLIDE]["plus"]["crack_pa"] = 0.0
-    bench.feed(0.70e6)
-    assert not bench.run(3.0, PLUS).cylinders["decoupled"][-1, SLIDE]
-    swept = quasi_static(bench, 0.70e6, 0.76e6, 12.0)
+    rig = machine_bench()
+    rig.ideal = True
+    put(rig, SLIDE, 0.3, ATMOSPHERE_PA, ATMOSPHERE_PA)
+    rig.all_params[SLIDE]["blocked"] = 1
+    rig.all_params[SLIDE]["plus"]["crack_pa"] = 0.0
+    rig.feed(0.70e6)
+    assert not rig.run(3.0, PLUS).cylinders["decoupled"][-1, SLIDE]
+    swept = quasi_static(rig, 0.70e6, 0.76e6, 12.0)
     index = int(swept["decoupled"].argmax())
     assert index > 0
     across_pa = swept["plus"]["chamber"]["pressure_pa"] - swept["minus"]["chamber"]["pressure_pa"]
@@ -273,32 +273,32 @@ def test_the_magnet_decouples_at_the_catalogue_force() -> None:
 @pytest.mark.parametrize(("throttle_m3_s_pa", "catches"), [(0.4e-9, True), (0.735e-9, False)])
 def test_the_piston_recouples_to_the_carriage_at_low_speed(throttle_m3_s_pa: float, catches: bool) -> None:
     """Passing a carriage at rest, the piston recouples at 0.08 m/s but not at 0.147 m/s; the limit is 0.10 m/s."""
-    bench = machine_bench()
-    bench.ideal = True
-    bench.feed(0.5e6)
-    put(bench, SLIDE, 0.3, ATMOSPHERE_PA + 0.5e6, ATMOSPHERE_PA)
-    c, params = bench.cylinders[SLIDE], bench.all_params[SLIDE]
+    rig = machine_bench()
+    rig.ideal = True
+    rig.feed(0.5e6)
+    put(rig, SLIDE, 0.3, ATMOSPHERE_PA + 0.5e6, ATMOSPHERE_PA)
+    c, params = rig.cylinders[SLIDE], rig.all_params[SLIDE]
     params["recouples_m_s"] = 0.10
     c["piston_m"], c["decoupled"] = 0.605, 1
     params["blocked"] = 1
-    bench.run(2.0, PLUS)
+    rig.run(2.0, PLUS)
     params["plus"]["throttle_m3_s_pa"] = throttle_m3_s_pa
     assert c["decoupled"]
-    bench.run(12.0, MINUS)
+    rig.run(12.0, MINUS)
     assert bool(c["decoupled"]) is not catches
     if catches:
         assert c["piston_m"] - c["position_m"] == pytest.approx(-0.5e6 * params["plus_area_m2"] / 1e5, rel=0.05)
         params["blocked"] = 0
-        bench.run(5.0, MINUS)
+        rig.run(5.0, MINUS)
         assert c["position_m"] < 0.002
         assert not c["decoupled"]
 
 
 def edges_ms(step_s: float) -> dict[str, float]:
     """Return the times, ms after the coil turns on, at which slide, lift and claws pass their switch edges."""
-    bench, band_m = machine_bench(step_s=step_s), MACHINE.slide.switch_band_m
-    there = bench.run(5.0, [PLUS, MINUS, MINUS]).cylinders["position_m"]
-    back = bench.run(5.0, [MINUS, PLUS, PLUS]).cylinders["position_m"]
+    rig, band_m = machine_bench(step_s=step_s), MACHINE.slide.switch_band_m
+    there = rig.run(5.0, [PLUS, MINUS, MINUS]).cylinders["position_m"]
+    back = rig.run(5.0, [MINUS, PLUS, PLUS]).cylinders["position_m"]
     slide = {
         f"pick {n}": passes_ms(there[:, SLIDE], at_m - band_m, step_s) for n, at_m in enumerate(MACHINE.picks_m, 1)
     }
@@ -327,13 +327,13 @@ def test_no_volume_of_the_machine_overshoots_or_oscillates_without_motion(step_s
 
     With steps of up to 1 ms, no pressure reverses by more than 1 kPa more than twice between changes of the coils.
     """
-    bench = machine_bench(step_s=step_s)
-    bench.all_params["blocked"] = 1
-    receiver_pa = float(bench.supply[0]["receiver"]["pressure_pa"])
+    rig = machine_bench(step_s=step_s)
+    rig.all_params["blocked"] = 1
+    receiver_pa = float(rig.supply[0]["receiver"]["pressure_pa"])
     main_pa, claws_pa = ATMOSPHERE_PA + 0.5e6, ATMOSPHERE_PA + 0.4e6
     stores = {"header": main_pa, "manifold": main_pa, "claw_reservoir": receiver_pa, "claw_manifold": claws_pa}
     for coils in (PLUS, MINUS, OFF, PLUS):
-        trace = bench.run(1.0, coils)
+        trace = rig.run(1.0, coils)
         curves = [
             (trace.cylinders[:, n][line][part], claws_pa if n == 2 else main_pa)
             for n in range(3)

@@ -65,6 +65,7 @@ class FxSerialLine:
             taken += [(begin_ms + (n + 1) * byte_ms, data[n]) for n in range(count)]
             self._free_ms = begin_ms + count * byte_ms
             if count < len(data):
+                # with its original time, so that no other transmission starts between its bytes
                 heapq.heappush(self._waiting, (wanted_ms, data[count:]))
                 break
         return taken

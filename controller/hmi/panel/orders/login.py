@@ -1,7 +1,7 @@
 """Access levels, passwords and sessions.
 
 Passwords are stored as individually salted scrypt hashes, together with the scrypt parameters, in a file that only its
-owner can read. Sessions are held in memory and end when the panel stops.
+owner can read. LoginSessions are held in memory and end when the panel stops.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def _scrypt(password: str, salt: bytes, cost: Cost) -> bytes:
     return hashlib.scrypt(secret, salt=salt, n=cost.n, r=cost.r, p=cost.p, maxmem=memory, dklen=32)
 
 
-class Sessions:
+class LoginSessions:
     """Active login sessions."""
 
     def __init__(self, clock: Clock) -> None:

@@ -31,8 +31,8 @@ from controller.hmi.panel.orders.login import (
     SESSION_MS,
     USERS,
     AccessLevel,
+    LoginSessions,
     LoginThrottle,
-    Sessions,
     User,
     Users,
     is_loopback,
@@ -114,7 +114,7 @@ class PanelApplication:
             secure: True if TLS is used; the session cookie is then sent over TLS only.
         """
         machine, clock, telemetry = sources.machine, sources.clock, sources.telemetry
-        self.sessions = Sessions(clock)
+        self.sessions = LoginSessions(clock)
         self.mirror = Mirror(clock)
         self._sources = sources
         self._users = users

@@ -17,8 +17,8 @@ from controller.hmi.panel.orders.login import (
     SESSION_MS,
     AccessLevel,
     Cost,
+    LoginSessions,
     LoginThrottle,
-    Sessions,
     Users,
     UsersFileError,
     is_loopback,
@@ -89,7 +89,7 @@ def test_passwords_that_cannot_be_stored_are_not_set(tmp_path: Path) -> None:
 
 def test_session_ends_by_timeout_or_request() -> None:
     clock = SimulatedClock()
-    sessions = Sessions(clock)
+    sessions = LoginSessions(clock)
     one, other = sessions.begin("operate"), sessions.begin("maintain")
     assert len(one) >= 43  # 256 bits
     assert one != other

@@ -12,7 +12,7 @@ import pytest
 from controller.common.errors import InputError
 from plant_sim.benchmark.catalogue import PARTS
 from plant_sim.benchmark.results.page import performance_page
-from plant_sim.benchmark.results.record import BenchRecord, FigureRecord, HostRecord, PartRecord, read_record
+from plant_sim.benchmark.results.record import BenchmarkRecord, FigureRecord, HostRecord, PartRecord, read_record
 from plant_sim.benchmark.results.text import failure_text, part_text
 from tests.plant_sim.benchmark.fake_parts import GAP, SPEED
 
@@ -33,8 +33,8 @@ def part_record(figures: dict[str, FigureRecord], failed: str | None = None) -> 
     )
 
 
-def bench_record(parts: dict[str, PartRecord], test_duration_s: int | None = 300) -> BenchRecord:
-    return BenchRecord(
+def bench_record(parts: dict[str, PartRecord], test_duration_s: int | None = 300) -> BenchmarkRecord:
+    return BenchmarkRecord(
         version="1.2.3",
         commit="abc",
         date="2026-11-23T12:00:00+00:00",

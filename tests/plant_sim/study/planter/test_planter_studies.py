@@ -16,13 +16,19 @@ from plant_sim.planter.verdict import FallVerdict
 from plant_sim.study.planter import lodging_study as lodging
 from plant_sim.study.planter import release_study as release
 from plant_sim.study.planter import verdict_study as verdicts
-from plant_sim.study.planter.bench_trials import BenchSetting, SeedlingCount, equation_trials, pooled, simulate_trials
+from plant_sim.study.planter.lodging_trials import (
+    LodgingSetting,
+    SeedlingCount,
+    equation_trials,
+    pooled,
+    simulate_trials,
+)
 from plant_sim.study.planter.verdicts import FallPoint, count_verdicts, crossings
 from plant_sim.study.report.study import Study, write
 from tests.sampling import first_of
 
 PLANTER, RANGES = load_planter(), load_ranges()
-CLAIMED = BenchSetting(1.6, 57.0, 91.83)
+CLAIMED = LodgingSetting(1.6, 57.0, 91.83)
 
 
 def record_of(study: Study) -> Any:

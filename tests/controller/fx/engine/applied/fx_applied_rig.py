@@ -1,4 +1,4 @@
-"""Test bench for single applied instructions: operands as text, memory by device name."""
+"""Test rig for single applied instructions: operands as text, memory by device name."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def bits(head: str, levels: str) -> dict[str, int]:
     return {f"{kind}{first + n:o}" if base == 8 else f"{kind}{first + n}": int(c) for n, c in enumerate(levels)}
 
 
-class Bench:
+class Rig:
     """CPU that runs single instructions."""
 
     def __init__(self, before: State | None = None) -> None:

@@ -12,7 +12,7 @@ from controller.fx.engine.cpu import OperationError
 from controller.fx.language.instruction import DeviceOperand, WordBit
 from controller.fx.language.instruction_set import FORMS
 from tests.controller.core.core_rig import copied
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits, operand
+from tests.controller.fx.engine.applied.fx_applied_rig import Rig, State, assert_same, bits, operand
 
 FLOW = {"CJ", "CALL", "SRET", "IRET", "FEND", "WDT", "FOR", "NEXT"}
 INT_16 = st.integers(-(2**15), 2**15 - 1)
@@ -66,7 +66,7 @@ def test_instructions_executed_in_every_scan() -> None:
     ],
 )
 def test_reading(text: str, before: State, wide: bool, value: int) -> None:
-    assert reader(Bench(before).cpu, operand(text), wide)() == value
+    assert reader(Rig(before).cpu, operand(text), wide)() == value
 
 
 @pytest.mark.parametrize(
@@ -92,26 +92,26 @@ def test_reading(text: str, before: State, wide: bool, value: int) -> None:
 )
 def test_writing_changes_only_the_operand(text: str, wide: bool, value: int, after: State) -> None:
     before = bits("Y0", "1" * 6) | {"D5": 77, "T7": 5}
-    bench, expected = Bench(before), Bench({**before, **after}).memory
-    writer(bench.cpu, operand(text), wide)(value)
-    assert_same(bench.memory, expected)
+    rig, expected = Rig(before), Rig({**before, **after}).memory
+    writer(rig.cpu, operand(text), wide)(value)
+    assert_same(rig.memory, expected)
 
 
 @given(INT_32)
 def test_pair_is_written_low_word_first(value: int) -> None:
-    bench = Bench()
-    writer(bench.cpu, operand("D10"), True)(value)
-    low, high = bench.memory.D[10:12]
+    rig = Rig()
+    writer(rig.cpu, operand("D10"), True)(value)
+    low, high = rig.memory.D[10:12]
     assert low & 0xFFFF == value & 0xFFFF
     assert high == value >> 16
-    assert reader(bench.cpu, operand("D10"), True)() == value
+    assert reader(rig.cpu, operand("D10"), True)() == value
 
 
 @given(INT_16, st.sampled_from(["K4M3", "D0", "T3", "C3", "V2"]))
 def test_write_read_round_trip(value: int, place: str) -> None:
-    bench = Bench()
-    writer(bench.cpu, operand(place), False)(value)
-    assert reader(bench.cpu, operand(place), False)() == value
+    rig = Rig()
+    writer(rig.cpu, operand(place), False)(value)
+    assert reader(rig.cpu, operand(place), False)() == value
 
 
 @given(st.integers(-(10**12), 10**12), st.sampled_from([4, 8, 16, 32]))
@@ -137,9 +137,9 @@ def test_signed_preserves_the_low_bits(value: int, width: int) -> None:
     ],
 )
 def test_index_is_added_at_run_time(text: str, index: State, value: int, wide: bool) -> None:
-    bench = Bench()
-    read = reader(bench.cpu, operand(text), wide)
-    bench.set(index)
+    rig = Rig()
+    read = reader(rig.cpu, operand(text), wide)
+    rig.set(index)
     assert read() == value
 
 
@@ -167,72 +167,72 @@ OUTSIDE = [
 
 @pytest.mark.parametrize(("text", "index", "wide"), OUTSIDE)
 def test_out_of_range_operand_is_neither_read_nor_written(text: str, index: int, wide: bool) -> None:
-    bench = Bench({"Z0": index})
-    before = copied(bench.memory)
-    for use in (reader(bench.cpu, operand(text), wide), lambda: writer(bench.cpu, operand(text), wide)(-1)):
+    rig = Rig({"Z0": index})
+    before = copied(rig.memory)
+    for use in (reader(rig.cpu, operand(text), wide), lambda: writer(rig.cpu, operand(text), wide)(-1)):
         with pytest.raises(OperationError) as error:
             use()
         assert error.value.code == 6706
-    assert_same(bench.memory, before)
+    assert_same(rig.memory, before)
 
 
 @pytest.mark.parametrize(("text", "index"), [("M0Z0", -1), ("M3071Z0", 1), ("X0Z0", 256), ("S999Z0", 1), ("Y0Z0", -8)])
 def test_out_of_range_bit_is_rejected(text: str, index: int) -> None:
-    bench = Bench({"Z0": index})
-    before = copied(bench.memory)
+    rig = Rig({"Z0": index})
+    before = copied(rig.memory)
     with pytest.raises(OperationError):
-        bit_reader(bench.cpu, operand(text))()
+        bit_reader(rig.cpu, operand(text))()
     with pytest.raises(OperationError):
-        bit_writer(bench.cpu, operand(text))(True)
-    assert_same(bench.memory, before)
+        bit_writer(rig.cpu, operand(text))(True)
+    assert_same(rig.memory, before)
 
 
 def test_bits_by_index_and_their_neighbours() -> None:
-    bench = Bench({"Z0": 8, "Y10": 1})
-    assert bit_reader(bench.cpu, operand("Y0Z0"))()
-    bit_writer(bench.cpu, operand("M0Z0"))(True)
-    assert [n for n, on in enumerate(bench.memory.M) if on] == [8]
+    rig = Rig({"Z0": 8, "Y10": 1})
+    assert bit_reader(rig.cpu, operand("Y0Z0"))()
+    bit_writer(rig.cpu, operand("M0Z0"))(True)
+    assert [n for n, on in enumerate(rig.memory.M) if on] == [8]
 
 
 @pytest.mark.parametrize("text", ["M3071", "M8255", "S999", "Y377"])
 def test_last_bit_of_a_range_is_valid(text: str) -> None:
-    bench = Bench()
-    bit_writer(bench.cpu, operand(text))(True)
-    assert bit_reader(bench.cpu, operand(text))()
+    rig = Rig()
+    bit_writer(rig.cpu, operand(text))(True)
+    assert bit_reader(rig.cpu, operand(text))()
 
 
 def test_contacts_of_timers_and_counters_are_bits() -> None:
-    bench = Bench({"T3 contact": 1, "C4": 9})
-    assert bit_reader(bench.cpu, DeviceOperand("T", 3))()
-    assert not bit_reader(bench.cpu, DeviceOperand("C", 4))()
+    rig = Rig({"T3 contact": 1, "C4": 9})
+    assert bit_reader(rig.cpu, DeviceOperand("T", 3))()
+    assert not bit_reader(rig.cpu, DeviceOperand("C", 4))()
 
 
 def test_bits_of_a_register() -> None:
-    bench = Bench({"D5": 1})
-    bit_writer(bench.cpu, WordBit(5, 15))(True)
-    assert bench.memory.D[5] == -32767
-    assert bit_reader(bench.cpu, WordBit(5, 15))()
-    bit_writer(bench.cpu, WordBit(5, 0))(False)
-    assert bench.memory.D[5] == -32768
-    assert not bit_reader(bench.cpu, WordBit(5, 0))()
+    rig = Rig({"D5": 1})
+    bit_writer(rig.cpu, WordBit(5, 15))(True)
+    assert rig.memory.D[5] == -32767
+    assert bit_reader(rig.cpu, WordBit(5, 15))()
+    bit_writer(rig.cpu, WordBit(5, 0))(False)
+    assert rig.memory.D[5] == -32768
+    assert not bit_reader(rig.cpu, WordBit(5, 0))()
 
 
 def test_consecutive_words_by_operand_size() -> None:
-    bench = Bench()
-    assert list(words(bench.cpu, operand("D4"), False).places(3)) == [4, 5, 6]
-    assert list(words(bench.cpu, operand("D4"), True).places(3)) == [4, 6, 8]
-    assert list(words(bench.cpu, operand("K2M1"), False).places(3)) == [1, 9, 17]
-    assert list(words(bench.cpu, operand("C210"), True).places(3)) == [210, 211, 212]
-    assert list(words(bench.cpu, operand("Z1"), False).places(2)) == [8182, 8183]
+    rig = Rig()
+    assert list(words(rig.cpu, operand("D4"), False).places(3)) == [4, 5, 6]
+    assert list(words(rig.cpu, operand("D4"), True).places(3)) == [4, 6, 8]
+    assert list(words(rig.cpu, operand("K2M1"), False).places(3)) == [1, 9, 17]
+    assert list(words(rig.cpu, operand("C210"), True).places(3)) == [210, 211, 212]
+    assert list(words(rig.cpu, operand("Z1"), False).places(2)) == [8182, 8183]
     with pytest.raises(OperationError):
-        words(bench.cpu, operand("V1"), False).places(2)
+        words(rig.cpu, operand("V1"), False).places(2)
     for count in (0, -1):
         with pytest.raises(OperationError):
-            words(bench.cpu, operand("D4"), False).places(count)
+            words(rig.cpu, operand("D4"), False).places(count)
 
 
 def test_running_timer_continues_from_the_written_value() -> None:
-    bench = Bench({"T0": 5, "T0 start": 0})
-    bench.cpu.now_ms = 500
-    bench.run("MOV K20 T0")
-    assert (bench.memory.TV[0], bench.memory.TS[0]) == (20, -15)
+    rig = Rig({"T0": 5, "T0 start": 0})
+    rig.cpu.now_ms = 500
+    rig.run("MOV K20 T0")
+    assert (rig.memory.TV[0], rig.memory.TS[0]) == (20, -15)

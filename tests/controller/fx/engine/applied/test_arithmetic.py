@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from controller.fx.engine.cpu import OperationError
 from tests.controller.core.core_rig import copied
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
+from tests.controller.fx.engine.applied.fx_applied_rig import Rig, State, assert_same, bits
 
 FLAGS = bits("M8020", "111")
 CLEAR = bits("M8020", "000")
@@ -77,7 +77,7 @@ INT_32 = st.integers(-(2**31), 2**31 - 1)
     ],
 )
 def test_result(text: str, before: State, after: State) -> None:
-    Bench(before).changes_only(text, after)
+    Rig(before).changes_only(text, after)
 
 
 @pytest.mark.parametrize(
@@ -99,37 +99,37 @@ def test_result(text: str, before: State, after: State) -> None:
     ],
 )
 def test_error_changes_nothing(text: str, before: State) -> None:
-    bench = Bench(before)
-    expected = copied(bench.memory)
+    rig = Rig(before)
+    expected = copied(rig.memory)
     with pytest.raises(OperationError) as error:
-        bench.run(text)
+        rig.run(text)
     assert error.value.code == 6706
-    assert_same(bench.memory, expected)
+    assert_same(rig.memory, expected)
 
 
 @given(INT_16, INT_16)
 def test_adding_a_difference_restores_the_number(a: int, b: int) -> None:
-    bench = Bench({"D0": a, "D1": b})
-    bench.run("SUB D0 D1 D2")
-    bench.run("ADD D2 D1 D3")
-    assert bench.memory.D[3] == a
+    rig = Rig({"D0": a, "D1": b})
+    rig.run("SUB D0 D1 D2")
+    rig.run("ADD D2 D1 D3")
+    assert rig.memory.D[3] == a
 
 
 @given(INT_16, INT_16)
 def test_flags_of_a_sum_indicate_the_overflow_direction(a: int, b: int) -> None:
-    bench = Bench({"D0": a, "D1": b})
-    bench.run("ADD D0 D1 D2")
-    assert bench.memory.M[8021] == (a + b < -32768)
-    assert bench.memory.M[8022] == (a + b > 32767)
-    assert bench.memory.M[8020] == (bench.memory.D[2] == 0)
+    rig = Rig({"D0": a, "D1": b})
+    rig.run("ADD D0 D1 D2")
+    assert rig.memory.M[8021] == (a + b < -32768)
+    assert rig.memory.M[8022] == (a + b > 32767)
+    assert rig.memory.M[8020] == (rig.memory.D[2] == 0)
 
 
 @given(INT_32, INT_32.filter(bool))
 def test_quotient_and_remainder_restore_the_dividend(a: int, b: int) -> None:
-    bench = Bench()
-    bench.run(f"DMOV K{a} D0")
-    bench.run(f"DDIV D0 K{b} D4")
-    quotient, remainder = ((bench.memory.D[n] & 0xFFFF) + (bench.memory.D[n + 1] << 16) for n in (4, 6))
+    rig = Rig()
+    rig.run(f"DMOV K{a} D0")
+    rig.run(f"DDIV D0 K{b} D4")
+    quotient, remainder = ((rig.memory.D[n] & 0xFFFF) + (rig.memory.D[n + 1] << 16) for n in (4, 6))
     assert (quotient * b + remainder - a) % 2**32 == 0
     assert abs(remainder) < abs(b)
     assert remainder == 0 or (remainder < 0) == (a < 0)
@@ -137,6 +137,6 @@ def test_quotient_and_remainder_restore_the_dividend(a: int, b: int) -> None:
 
 @given(INT_16, INT_16)
 def test_a_product_has_32_bits(a: int, b: int) -> None:
-    bench = Bench({"D0": a, "D1": b})
-    bench.run("MUL D0 D1 D2")
-    assert (bench.memory.D[2] & 0xFFFF) + (bench.memory.D[3] << 16) == a * b
+    rig = Rig({"D0": a, "D1": b})
+    rig.run("MUL D0 D1 D2")
+    assert (rig.memory.D[2] & 0xFFFF) + (rig.memory.D[3] << 16) == a * b

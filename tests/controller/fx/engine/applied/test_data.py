@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from controller.core.devices import SIZES
 from controller.fx.engine.cpu import OperationError
 from tests.controller.core.core_rig import copied
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
+from tests.controller.fx.engine.applied.fx_applied_rig import Rig, State, assert_same, bits
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, asse
     ],
 )
 def test_result(text: str, before: State, after: State) -> None:
-    Bench(before).changes_only(text, after)
+    Rig(before).changes_only(text, after)
 
 
 @pytest.mark.parametrize(
@@ -80,13 +80,13 @@ def test_result(text: str, before: State, after: State) -> None:
     ],
 )
 def test_error_changes_nothing(text: str, before: State) -> None:
-    bench = Bench(before)
-    bench.cpu.terminals = [False] * SIZES["X"]
-    expected = copied(bench.memory)
+    rig = Rig(before)
+    rig.cpu.terminals = [False] * SIZES["X"]
+    expected = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.run(text)
-    assert_same(bench.memory, expected)
-    assert bench.cpu.refreshed is None
+        rig.run(text)
+    assert_same(rig.memory, expected)
+    assert rig.cpu.refreshed is None
 
 
 SEGMENTS_ON = [
@@ -111,78 +111,78 @@ SEGMENTS_ON = [
 
 @pytest.mark.parametrize("value", range(16))
 def test_segments(value: int) -> None:
-    bench = Bench({"D0": value})
-    bench.run("SEGD D0 D1")
-    assert bench.memory.D[1] == sum(1 << "abcdefg".index(segment) for segment in SEGMENTS_ON[value])
+    rig = Rig({"D0": value})
+    rig.run("SEGD D0 D1")
+    assert rig.memory.D[1] == sum(1 << "abcdefg".index(segment) for segment in SEGMENTS_ON[value])
 
 
 @given(st.integers(0, 255))
 def test_enco_undoes_deco(value: int) -> None:
-    bench = Bench({"D0": value})
-    bench.run("DECO D0 M0 K8")
-    assert sum(bench.memory.M) == 1
-    bench.run("ENCO M0 D1 K8")
-    assert bench.memory.D[1] == value
+    rig = Rig({"D0": value})
+    rig.run("DECO D0 M0 K8")
+    assert sum(rig.memory.M) == 1
+    rig.run("ENCO M0 D1 K8")
+    assert rig.memory.D[1] == value
 
 
 def test_ref_reads_only_its_inputs() -> None:
-    bench = Bench({"X20": 1, "X10": 1})
-    bench.cpu.terminals = [True] * 8 + [False, True] + [False] * 14
-    bench.run("REF X10 K8")
-    assert [n for n, on in enumerate(bench.memory.X) if on] == [9, 16]
+    rig = Rig({"X20": 1, "X10": 1})
+    rig.cpu.terminals = [True] * 8 + [False, True] + [False] * 14
+    rig.run("REF X10 K8")
+    assert [n for n, on in enumerate(rig.memory.X) if on] == [9, 16]
 
 
 def test_ref_does_not_change_inputs_without_a_terminal() -> None:
-    bench = Bench({"X7": 1})
-    bench.cpu.terminals = [True]
-    bench.run("REF X0 K8")
-    assert [n for n, on in enumerate(bench.memory.X) if on] == [0, 7]
-    assert len(bench.memory.X) == SIZES["X"]
+    rig = Rig({"X7": 1})
+    rig.cpu.terminals = [True]
+    rig.run("REF X0 K8")
+    assert [n for n, on in enumerate(rig.memory.X) if on] == [0, 7]
+    assert len(rig.memory.X) == SIZES["X"]
 
 
 def test_ref_outputs_only_its_range() -> None:
-    bench = Bench({"Y0": 1, "Y10": 1})
-    bench.cpu.latches = [False] * SIZES["Y"]
-    bench.cpu.latches[7] = bench.cpu.latches[16] = True
-    bench.run("REF Y10 K8")
-    refreshed = bench.cpu.refreshed
+    rig = Rig({"Y0": 1, "Y10": 1})
+    rig.cpu.latches = [False] * SIZES["Y"]
+    rig.cpu.latches[7] = rig.cpu.latches[16] = True
+    rig.run("REF Y10 K8")
+    refreshed = rig.cpu.refreshed
     assert refreshed is not None
     assert [n for n, on in enumerate(refreshed) if on] == [7, 8, 16]
-    bench.set({"Y10": 0, "Y1": 1})
+    rig.set({"Y10": 0, "Y1": 1})
     assert refreshed[8], "the returned outputs are a copy"
-    bench.run("REF Y0 K8")
+    rig.run("REF Y0 K8")
     assert [n for n, on in enumerate(refreshed) if on] == [0, 1, 8, 16]
-    assert not any(bench.cpu.latches[:7])
+    assert not any(rig.cpu.latches[:7])
 
 
 def test_reff_sets_the_filter_and_reads_sixteen_inputs() -> None:
-    bench = Bench({"D8020": 10})
-    bench.cpu.terminals = [True] * 24
-    bench.run("REFF K5")
-    assert bench.memory.D[8020] == 5
-    assert [n for n, on in enumerate(bench.memory.X) if on] == list(range(16))
+    rig = Rig({"D8020": 10})
+    rig.cpu.terminals = [True] * 24
+    rig.run("REFF K5")
+    assert rig.memory.D[8020] == 5
+    assert [n for n, on in enumerate(rig.memory.X) if on] == list(range(16))
 
 
 def test_ans_sets_its_state_after_the_delay() -> None:
-    bench = Bench()
-    ans = bench.level("ANS T0 K3 S900")
+    rig = Rig()
+    ans = rig.level("ANS T0 K3 S900")
     shown = []
     for now_ms in (950, 1050, 1150, 1250, 1350):
-        bench.cpu.now_ms = now_ms
+        rig.cpu.now_ms = now_ms
         ans(True)
-        shown.append((bench.memory.TV[0], bench.memory.T[0], bench.memory.S[900]))
+        shown.append((rig.memory.TV[0], rig.memory.T[0], rig.memory.S[900]))
     assert shown == [(0, False, False), (1, False, False), (2, False, False), (3, True, True), (3, True, True)]
     ans(False)
-    assert (bench.memory.TV[0], bench.memory.T[0], bench.memory.TS[0], bench.memory.S[900]) == (0, False, -1, True)
+    assert (rig.memory.TV[0], rig.memory.T[0], rig.memory.TS[0], rig.memory.S[900]) == (0, False, -1, True)
 
 
 def test_ans_restarts_after_its_drive_was_off() -> None:
-    bench = Bench()
-    ans = bench.level("ANS T0 K3 S900")
+    rig = Rig()
+    ans = rig.level("ANS T0 K3 S900")
     for now_ms, on in ((0, True), (200, True), (300, False), (400, True), (600, True)):
-        bench.cpu.now_ms = now_ms
+        rig.cpu.now_ms = now_ms
         ans(on)
-        assert not bench.memory.S[900]
-    bench.cpu.now_ms = 700
+        assert not rig.memory.S[900]
+    rig.cpu.now_ms = 700
     ans(True)
-    assert bench.memory.S[900]
+    assert rig.memory.S[900]

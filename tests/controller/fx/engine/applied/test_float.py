@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from controller.fx.engine.cpu import OperationError
 from tests.controller.core.core_rig import copied
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
+from tests.controller.fx.engine.applied.fx_applied_rig import Rig, State, assert_same, bits
 
 SINGLES = st.floats(-(2.0**50), 2.0**50, width=32).filter(lambda value: value == 0 or abs(value) > 1e-15)
 NAN, INFINITY = {"D0": 0, "D1": 0x7FC0}, {"D0": 0, "D1": 0x7F80}
@@ -23,8 +23,8 @@ def single(number: int, value: float) -> dict[str, int]:
     return {f"D{number}": low, f"D{number + 1}": high}
 
 
-def value_at(bench: Bench, number: int) -> float:
-    value: float = struct.unpack("<f", struct.pack("<hh", *bench.memory.D[number : number + 2]))[0]
+def value_at(rig: Rig, number: int) -> float:
+    value: float = struct.unpack("<f", struct.pack("<hh", *rig.memory.D[number : number + 2]))[0]
     return value
 
 
@@ -63,7 +63,7 @@ def value_at(bench: Bench, number: int) -> float:
     ],
 )
 def test_result(text: str, before: State, after: State) -> None:
-    Bench(before).changes_only(text, after)
+    Rig(before).changes_only(text, after)
 
 
 @pytest.mark.parametrize(
@@ -82,35 +82,35 @@ def test_result(text: str, before: State, after: State) -> None:
     ],
 )
 def test_error_changes_nothing(text: str, before: State) -> None:
-    bench = Bench(before)
-    expected = copied(bench.memory)
+    rig = Rig(before)
+    expected = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.run(text)
-    assert_same(bench.memory, expected)
+        rig.run(text)
+    assert_same(rig.memory, expected)
 
 
 @given(st.integers(-(2**24), 2**24))
 def test_int_undoes_flt(value: int) -> None:
-    bench = Bench()
-    bench.run(f"DMOV K{value} D0")
-    bench.run("DFLT D0 D2")
-    assert value_at(bench, 2) == value
-    bench.run("DINT D2 D4")
-    assert bench.memory.D[4:6] == bench.memory.D[0:2]
+    rig = Rig()
+    rig.run(f"DMOV K{value} D0")
+    rig.run("DFLT D0 D2")
+    assert value_at(rig, 2) == value
+    rig.run("DINT D2 D4")
+    assert rig.memory.D[4:6] == rig.memory.D[0:2]
 
 
 @given(SINGLES, SINGLES)
 def test_results_are_rounded_to_the_nearest_single(a: float, b: float) -> None:
-    bench = Bench({**single(0, a), **single(2, b)})
+    rig = Rig({**single(0, a), **single(2, b)})
     for text, exact in (("DEADD", a + b), ("DESUB", a - b), ("DEMUL", a * b)):
-        bench.run(f"{text} D0 D2 D4")
-        assert value_at(bench, 4) == struct.unpack("<f", struct.pack("<f", exact))[0]
+        rig.run(f"{text} D0 D2 D4")
+        assert value_at(rig, 4) == struct.unpack("<f", struct.pack("<f", exact))[0]
 
 
 def test_both_registers_are_written_or_none() -> None:
     before: State = single(0, 2.0)
-    bench = Bench({**before, "Z0": -5})
-    expected = copied(bench.memory)
+    rig = Rig({**before, "Z0": -5})
+    expected = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.run("DEMUL D0 D0 D4Z0")
-    assert_same(bench.memory, expected)
+        rig.run("DEMUL D0 D0 D4Z0")
+    assert_same(rig.memory, expected)

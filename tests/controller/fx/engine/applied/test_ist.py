@@ -6,7 +6,7 @@ import pytest
 
 from controller.fx.engine.cpu import OperationError
 from tests.controller.core.core_rig import copied
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, assert_same
+from tests.controller.fx.engine.applied.fx_applied_rig import Rig, assert_same
 
 INDIVIDUAL, ZERO, STEP, CYCLE, CONTINUOUS = range(5)
 ZERO_START, START, STOP = 5, 6, 7
@@ -17,9 +17,9 @@ class Panel:
     """Machine with its switches at X20 to X27 and automatic states S20 to S30."""
 
     def __init__(self, mode: int | None, **before: int) -> None:
-        self.bench = Bench(before)
-        self.memory = self.bench.memory
-        self.ist = self.bench.level("IST X20 S20 S30")
+        self.rig = Rig(before)
+        self.memory = self.rig.memory
+        self.ist = self.rig.level("IST X20 S20 S30")
         self.turn(mode)
 
     def turn(self, *modes: int | None) -> None:
@@ -129,7 +129,7 @@ def test_stop_overrides_start(mode: int) -> None:
 )
 def test_another_kind_of_mode_resets_states_and_outputs(before: int, after: int, state: int) -> None:
     panel = Panel(before)
-    panel.bench.set({"S3": 1, "S10": 1, "S19": 1, "S20": 1, "S30": 1, "S31": 1, "Y0": 1, "Y377": 1, "M5": 1})
+    panel.rig.set({"S3": 1, "S10": 1, "S19": 1, "S20": 1, "S30": 1, "S31": 1, "Y0": 1, "Y377": 1, "M5": 1})
     panel.turn(after)
     assert panel.states() == [state, 3, 31]
     assert not any(panel.memory.Y)
@@ -148,7 +148,7 @@ def test_outputs_are_unchanged_with_zero_return_complete_or_reset_disabled(relay
 def test_states_and_outputs_are_unchanged_between_automatic_modes() -> None:
     panel = Panel(CONTINUOUS, Y0=1)
     panel.scan(START)
-    panel.bench.set({"S2": 0, "S25": 1})
+    panel.rig.set({"S2": 0, "S25": 1})
     panel.turn(CYCLE)
     assert panel.states() == [25]
     assert panel.memory.Y[0]
@@ -160,7 +160,7 @@ def test_states_and_outputs_are_unchanged_between_automatic_modes() -> None:
 @pytest.mark.parametrize("switches", [(), (STEP, INDIVIDUAL)])
 def test_mode_is_unchanged_between_two_switch_positions(switches: tuple[int, ...]) -> None:
     panel = Panel(STEP, Y0=1)
-    panel.bench.set({"S25": 1})
+    panel.rig.set({"S25": 1})
     panel.turn(*switches)
     assert panel.states() == [2, 25]
     assert panel.memory.Y[0]
@@ -207,14 +207,14 @@ def test_without_drive_nothing_changes() -> None:
     ],
 )
 def test_error_changes_nothing(text: str) -> None:
-    bench = Bench({"S25": 1, "M3065": 1, "X371": 1, "X20": 1})
-    before = copied(bench.memory)
+    rig = Rig({"S25": 1, "M3065": 1, "X371": 1, "X20": 1})
+    before = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.level(text)(True)
-    assert_same(bench.memory, before)
+        rig.level(text)(True)
+    assert_same(rig.memory, before)
 
 
 def test_start_pressed_when_run_begins_counts() -> None:
-    bench = Bench({"X22": 1, "X26": 1})
-    bench.level("IST X20 S20 S30")(True)
-    assert bench.memory.M[M8042]
+    rig = Rig({"X22": 1, "X26": 1})
+    rig.level("IST X20 S20 S30")(True)
+    assert rig.memory.M[M8042]

@@ -11,23 +11,23 @@ from hypothesis import strategies as st
 from controller.fx.engine.applied.pulse import profile, pulses_after
 from controller.fx.engine.cpu import OperationError
 from tests.controller.core.core_rig import copied
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, assert_same
+from tests.controller.fx.engine.applied.fx_applied_rig import Rig, assert_same
 
 
-def total(bench: Bench, low: int = 8140) -> int:
-    return (bench.memory.D[low] & 0xFFFF) + (bench.memory.D[low + 1] << 16)
+def total(rig: Rig, low: int = 8140) -> int:
+    return (rig.memory.D[low] & 0xFFFF) + (rig.memory.D[low + 1] << 16)
 
 
-def scan(bench: Bench, level: Callable[[bool], None], now_ms: int, on: bool = True) -> tuple[bool, int, bool]:
-    bench.cpu.now_ms = now_ms
+def scan(rig: Rig, level: Callable[[bool], None], now_ms: int, on: bool = True) -> tuple[bool, int, bool]:
+    rig.cpu.now_ms = now_ms
     level(on)
-    return bench.memory.Y[0], total(bench), bench.memory.M[8029]
+    return rig.memory.Y[0], total(rig), rig.memory.M[8029]
 
 
 def test_plsy_outputs_and_counts_a_slow_train() -> None:
-    bench = Bench()
-    plsy = bench.level("PLSY K10 K2 Y0")
-    assert [scan(bench, plsy, 1000 + ms) for ms in (0, 40, 60, 100, 140, 160, 200, 300)] == [
+    rig = Rig()
+    plsy = rig.level("PLSY K10 K2 Y0")
+    assert [scan(rig, plsy, 1000 + ms) for ms in (0, 40, 60, 100, 140, 160, 200, 300)] == [
         (True, 0, False),
         (True, 0, False),
         (False, 0, False),
@@ -37,13 +37,13 @@ def test_plsy_outputs_and_counts_a_slow_train() -> None:
         (False, 2, True),
         (False, 2, True),
     ]
-    assert scan(bench, plsy, 1400, on=False) == (False, 2, False)
+    assert scan(rig, plsy, 1400, on=False) == (False, 2, False)
 
 
 def test_plsy_faster_than_the_scan_counts_correctly() -> None:
-    bench = Bench()
-    plsy = bench.level("DPLSY K20000 K100000 Y0")
-    assert [scan(bench, plsy, ms)[1:] for ms in (0, 10, 4990, 5000, 5010)] == [
+    rig = Rig()
+    plsy = rig.level("DPLSY K20000 K100000 Y0")
+    assert [scan(rig, plsy, ms)[1:] for ms in (0, 10, 4990, 5000, 5010)] == [
         (0, False),
         (200, False),
         (99_800, False),
@@ -53,49 +53,49 @@ def test_plsy_faster_than_the_scan_counts_correctly() -> None:
 
 
 def test_plsy_without_a_number_is_endless() -> None:
-    bench = Bench()
-    plsy = bench.level("PLSY K1000 K0 Y0")
-    scan(bench, plsy, 0)
-    assert scan(bench, plsy, 60_000)[1:] == (60_000, False)
+    rig = Rig()
+    plsy = rig.level("PLSY K1000 K0 Y0")
+    scan(rig, plsy, 0)
+    assert scan(rig, plsy, 60_000)[1:] == (60_000, False)
 
 
 def test_plsy_stops_with_its_drive_and_restarts() -> None:
-    bench = Bench()
-    plsy = bench.level("PLSY K10 K5 Y0")
-    scan(bench, plsy, 0)
-    scan(bench, plsy, 200)
-    assert scan(bench, plsy, 230, on=False) == (False, 2, False)
-    assert scan(bench, plsy, 900, on=False) == (False, 2, False)
-    assert scan(bench, plsy, 1000) == (True, 2, False)
-    assert scan(bench, plsy, 1499)[1:] == (6, False)
-    assert scan(bench, plsy, 1500) == (False, 7, True)
+    rig = Rig()
+    plsy = rig.level("PLSY K10 K5 Y0")
+    scan(rig, plsy, 0)
+    scan(rig, plsy, 200)
+    assert scan(rig, plsy, 230, on=False) == (False, 2, False)
+    assert scan(rig, plsy, 900, on=False) == (False, 2, False)
+    assert scan(rig, plsy, 1000) == (True, 2, False)
+    assert scan(rig, plsy, 1499)[1:] == (6, False)
+    assert scan(rig, plsy, 1500) == (False, 7, True)
 
 
 def test_plsy_follows_its_frequency_but_not_its_number() -> None:
-    bench = Bench({"D0": 10, "D1": 5})
-    plsy = bench.level("PLSY D0 D1 Y0")
-    scan(bench, plsy, 0)
-    assert scan(bench, plsy, 100)[1] == 1
-    bench.set({"D0": 20, "D1": 1})
-    assert scan(bench, plsy, 200)[1:] == (3, False)
-    assert scan(bench, plsy, 300)[1:] == (5, True)
+    rig = Rig({"D0": 10, "D1": 5})
+    plsy = rig.level("PLSY D0 D1 Y0")
+    scan(rig, plsy, 0)
+    assert scan(rig, plsy, 100)[1] == 1
+    rig.set({"D0": 20, "D1": 1})
+    assert scan(rig, plsy, 200)[1:] == (3, False)
+    assert scan(rig, plsy, 300)[1:] == (5, True)
 
 
 def test_plsy_at_y1_has_a_separate_total() -> None:
-    bench = Bench({"D8142": -1})
-    plsy = bench.level("PLSY K10 K1 Y1")
-    scan(bench, plsy, 0)
-    assert bench.memory.Y[:2] == [False, True]
-    scan(bench, plsy, 100)
-    assert (total(bench), bench.memory.D[8142:8144]) == (0, [0, 1])
+    rig = Rig({"D8142": -1})
+    plsy = rig.level("PLSY K10 K1 Y1")
+    scan(rig, plsy, 0)
+    assert rig.memory.Y[:2] == [False, True]
+    scan(rig, plsy, 100)
+    assert (total(rig), rig.memory.D[8142:8144]) == (0, [0, 1])
 
 
 def test_undriven_instruction_does_not_change_output_and_flag() -> None:
-    bench = Bench({"Y0": 1, "M8029": 1})
-    before = copied(bench.memory)
+    rig = Rig({"Y0": 1, "M8029": 1})
+    before = copied(rig.memory)
     for text in ("PLSY K10 K1 Y0", "PLSR K100 K200 K100 Y0", "PWM K1 K2 Y0"):
-        bench.level(text)(False)
-    assert_same(bench.memory, before)
+        rig.level(text)(False)
+    assert_same(rig.memory, before)
 
 
 @pytest.mark.parametrize(
@@ -117,21 +117,21 @@ def test_undriven_instruction_does_not_change_output_and_flag() -> None:
     ],
 )
 def test_error_changes_nothing(text: str) -> None:
-    bench = Bench({"Z0": -1})
-    before = copied(bench.memory)
+    rig = Rig({"Z0": -1})
+    before = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.level(text)(True)
-    assert_same(bench.memory, before)
+        rig.level(text)(True)
+    assert_same(rig.memory, before)
 
 
 def test_pwm_is_on_for_its_width() -> None:
-    bench = Bench({"D0": 30})
-    pwm = bench.level("PWM D0 K100 Y3")
+    rig = Rig({"D0": 30})
+    pwm = rig.level("PWM D0 K100 Y3")
 
     def level_at(now_ms: int) -> bool:
-        bench.cpu.now_ms = now_ms
+        rig.cpu.now_ms = now_ms
         pwm(True)
-        return bench.memory.Y[3]
+        return rig.memory.Y[3]
 
     assert [level_at(570 + ms) for ms in (0, 29, 30, 99, 100, 129, 130)] == [
         True,
@@ -142,21 +142,21 @@ def test_pwm_is_on_for_its_width() -> None:
         True,
         False,
     ]
-    bench.set({"D0": 50})
+    rig.set({"D0": 50})
     assert level_at(815)
     pwm(False)
-    assert not bench.memory.Y[3]
+    assert not rig.memory.Y[3]
     assert level_at(903), "a new period starts when the input turns on again"
-    bench.set({"D0": 0})
+    rig.set({"D0": 0})
     assert not level_at(903)
 
 
 def test_plsr_accelerates_and_decelerates() -> None:
     """At 1000 Hz with ramps of 100 ms, each ramp has ten steps with 1 to 10 pulses; the other 90 pulses take 90 ms."""
-    bench = Bench()
-    plsr = bench.level("PLSR K1000 K200 K100 Y0")
+    rig = Rig()
+    plsr = rig.level("PLSR K1000 K200 K100 Y0")
     times = (0, 10, 20, 100, 190, 200, 280, 289, 290, 400)
-    assert [scan(bench, plsr, 70 + ms)[1:] for ms in times] == [
+    assert [scan(rig, plsr, 70 + ms)[1:] for ms in times] == [
         (0, False),
         (1, False),
         (3, False),
@@ -168,7 +168,7 @@ def test_plsr_accelerates_and_decelerates() -> None:
         (200, True),
         (200, True),
     ]
-    assert scan(bench, plsr, 500, on=False) == (False, 200, False)
+    assert scan(rig, plsr, 500, on=False) == (False, 200, False)
 
 
 def test_plsr_with_few_pulses_uses_only_low_frequencies() -> None:
@@ -196,20 +196,20 @@ def test_profile_is_complete_and_symmetric(hz: int, count: int, ramp_ms: int) ->
 
 @given(st.integers(1, 20_000), st.lists(st.integers(1, 50), min_size=1, max_size=20))
 def test_the_count_does_not_depend_on_the_scans(hz: int, scans: list[int]) -> None:
-    bench, one = Bench(), Bench()
-    plsy, whole = bench.level(f"PLSY K{hz} K0 Y0"), one.level(f"PLSY K{hz} K0 Y0")
+    rig, one = Rig(), Rig()
+    plsy, whole = rig.level(f"PLSY K{hz} K0 Y0"), one.level(f"PLSY K{hz} K0 Y0")
     plsy(True)
     whole(True)
     for scan_ms in scans:
-        bench.cpu.now_ms += scan_ms
+        rig.cpu.now_ms += scan_ms
         plsy(True)
     one.cpu.now_ms = sum(scans)
     whole(True)
-    assert total(bench) == total(one) == hz * sum(scans) // 1000
+    assert total(rig) == total(one) == hz * sum(scans) // 1000
 
 
 def test_pwm_of_the_shortest_period_is_always_on() -> None:
-    bench = Bench()
-    pwm = bench.level("PWM K1 K1 Y0")
+    rig = Rig()
+    pwm = rig.level("PWM K1 K1 Y0")
     for now_ms in range(3):
-        assert scan(bench, pwm, now_ms)[0]
+        assert scan(rig, pwm, now_ms)[0]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from controller.fx.engine.cpu import OperationError
 from tests.controller.core.core_rig import copied
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
+from tests.controller.fx.engine.applied.fx_applied_rig import Rig, State, assert_same, bits
 
 INT_16 = st.integers(-(2**15), 2**15 - 1)
 ROW = {f"D{n}": n for n in range(10, 17)}
@@ -65,7 +65,7 @@ ROW = {f"D{n}": n for n in range(10, 17)}
     ],
 )
 def test_result(text: str, before: State, after: State) -> None:
-    Bench(before).changes_only(text, after)
+    Rig(before).changes_only(text, after)
 
 
 @pytest.mark.parametrize(
@@ -93,37 +93,37 @@ def test_result(text: str, before: State, after: State) -> None:
     ],
 )
 def test_error_changes_nothing(text: str, before: State) -> None:
-    bench = Bench(before)
-    expected = copied(bench.memory)
+    rig = Rig(before)
+    expected = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.run(text)
-    assert_same(bench.memory, expected)
+        rig.run(text)
+    assert_same(rig.memory, expected)
 
 
 @given(INT_16, st.integers(0, 16))
 def test_rotating_right_undoes_rotating_left(value: int, count: int) -> None:
-    bench = Bench({"D0": value})
-    bench.run(f"ROL D0 K{count}")
-    bench.run(f"ROR D0 K{count}")
-    assert bench.memory.D[0] == value
+    rig = Rig({"D0": value})
+    rig.run(f"ROL D0 K{count}")
+    rig.run(f"ROR D0 K{count}")
+    assert rig.memory.D[0] == value
 
 
 @given(INT_16, st.integers(0, 16))
 def test_rotating_through_the_carry_loses_nothing(value: int, count: int) -> None:
-    bench = Bench({"D0": value, "M8022": 1})
-    bench.run(f"RCL D0 K{count}")
-    bench.run(f"RCR D0 K{count}")
-    assert (bench.memory.D[0], bench.memory.M[8022]) == (value, True)
+    rig = Rig({"D0": value, "M8022": 1})
+    rig.run(f"RCL D0 K{count}")
+    rig.run(f"RCR D0 K{count}")
+    assert (rig.memory.D[0], rig.memory.M[8022]) == (value, True)
 
 
 @given(st.lists(INT_16, max_size=9))
 def test_queue_is_first_in_first_out(values: list[int]) -> None:
-    bench = Bench()
+    rig = Rig()
     for value in values:
-        bench.run(f"MOV K{value} D0")
-        bench.run("SFWR D0 D10 K10")
+        rig.run(f"MOV K{value} D0")
+        rig.run("SFWR D0 D10 K10")
     out = []
-    while bench.memory.D[10]:
-        bench.run("SFRD D10 D1 K10")
-        out.append(bench.memory.D[1])
+    while rig.memory.D[10]:
+        rig.run("SFRD D10 D1 K10")
+        out.append(rig.memory.D[1])
     assert out == values

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from controller.fx.engine.cpu import OperationError
 from tests.controller.core.core_rig import copied
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
+from tests.controller.fx.engine.applied.fx_applied_rig import Rig, State, assert_same, bits
 
 TIME = {"D0": 10, "D1": 30, "D2": 50}
 
 
-def on_bits(bench: Bench, first: int, count: int) -> str:
-    return "".join("01"[bit] for bit in bench.memory.M[first : first + count])
+def on_bits(rig: Rig, first: int, count: int) -> str:
+    return "".join("01"[bit] for bit in rig.memory.M[first : first + count])
 
 
 # ---- drums ----------------------------------------------------------------------------------------------------
@@ -42,30 +42,30 @@ def on_bits(bench: Bench, first: int, count: int) -> str:
 )
 def test_absd_turns_on_at_the_first_count_and_off_at_the_second(count: int, expected: str) -> None:
     table = {"D300": 40, "D301": 140, "D302": 100, "D303": 200, "D304": 280, "D305": 160, "D306": 240, "D307": 300}
-    bench = Bench(table | {"C0": count, "M4": 1})
-    bench.level("ABSD D300 C0 M0 K4")(True)
-    assert on_bits(bench, 0, 5) == expected + "1"
+    rig = Rig(table | {"C0": count, "M4": 1})
+    rig.level("ABSD D300 C0 M0 K4")(True)
+    assert on_bits(rig, 0, 5) == expected + "1"
 
 
 def test_absd_bits_are_unchanged_without_drive() -> None:
-    bench = Bench({"D0": 1, "D1": 2, "C0": 1})
-    absd = bench.level("ABSD D0 C0 Y0 K1")
+    rig = Rig({"D0": 1, "D1": 2, "C0": 1})
+    absd = rig.level("ABSD D0 C0 Y0 K1")
     absd(True)
-    bench.set({"C0": 5})
+    rig.set({"C0": 5})
     absd(False)
-    assert bench.memory.Y[0]
+    assert rig.memory.Y[0]
     absd(True)
-    assert not bench.memory.Y[0]
+    assert not rig.memory.Y[0]
 
 
 def test_absd_in_32_bits() -> None:
-    bench = Bench({"D0": 0, "D1": 1, "D2": 0, "D3": 2, "C200": 65535})
-    absd = bench.level("DABSD D0 C200 M0 K1")
+    rig = Rig({"D0": 0, "D1": 1, "D2": 0, "D3": 2, "C200": 65535})
+    absd = rig.level("DABSD D0 C200 M0 K1")
     shown = []
     for value in (65535, 65536, 131071, 131072):
-        bench.set({"C200": value})
+        rig.set({"C200": value})
         absd(True)
-        shown.append(bench.memory.M[0])
+        shown.append(rig.memory.M[0])
     assert shown == [False, True, True, False]
 
 
@@ -73,21 +73,21 @@ def test_absd_in_32_bits() -> None:
     "text", ["ABSD D0 C0 M3070 K4", "ABSD D7999 C0 M0 K1", "ABSD D0 C0 M0 K65", "ABSD D0 C200 M0 K1"]
 )
 def test_absd_out_of_range(text: str) -> None:
-    bench = Bench({"M0": 1})
-    before = copied(bench.memory)
+    rig = Rig({"M0": 1})
+    before = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.level(text)(True)
-    assert_same(bench.memory, before)
+        rig.level(text)(True)
+    assert_same(rig.memory, before)
 
 
 def test_incd_advances_from_bit_to_bit_and_sets_m8029_after_the_last() -> None:
-    bench = Bench({"D0": 2, "D1": 1, "D2": 3})
-    incd = bench.level("INCD D0 C0 M0 K3")
+    rig = Rig({"D0": 2, "D1": 1, "D2": 3})
+    incd = rig.level("INCD D0 C0 M0 K3")
     shown = []
     for _ in range(7):
         incd(True)
-        memory = bench.memory
-        shown.append((on_bits(bench, 0, 3), memory.CV[0], memory.CV[1], memory.M[8029]))
+        memory = rig.memory
+        shown.append((on_bits(rig, 0, 3), memory.CV[0], memory.CV[1], memory.M[8029]))
         memory.CV[0] += 1
     assert shown == [
         ("100", 0, 0, False),
@@ -99,21 +99,21 @@ def test_incd_advances_from_bit_to_bit_and_sets_m8029_after_the_last() -> None:
         ("100", 0, 0, True),
     ]
     incd(True)
-    assert not bench.memory.M[8029]
+    assert not rig.memory.M[8029]
 
 
 def test_incd_clears_once_when_its_drive_goes_off() -> None:
-    bench = Bench({"D0": 2, "D1": 5})
-    incd = bench.level("INCD D0 C0 M0 K2")
+    rig = Rig({"D0": 2, "D1": 5})
+    incd = rig.level("INCD D0 C0 M0 K2")
     incd(True)
-    bench.set({"C0": 2, "C0 contact": 1})
+    rig.set({"C0": 2, "C0 contact": 1})
     incd(True)
-    bench.set({"C0": 1, "C0 contact": 1})
+    rig.set({"C0": 1, "C0 contact": 1})
     incd(False)
-    assert (bench.memory.CV[0], bench.memory.CV[1], bench.memory.C[0], on_bits(bench, 0, 2)) == (0, 0, False, "00")
-    bench.set({"C0": 4, "M1": 1, "M8029": 1})
+    assert (rig.memory.CV[0], rig.memory.CV[1], rig.memory.C[0], on_bits(rig, 0, 2)) == (0, 0, False, "00")
+    rig.set({"C0": 4, "M1": 1, "M8029": 1})
     incd(False)
-    assert (bench.memory.CV[0], bench.memory.M[1], bench.memory.M[8029]) == (4, True, True)
+    assert (rig.memory.CV[0], rig.memory.M[1], rig.memory.M[8029]) == (4, True, True)
 
 
 # ---- timers ---------------------------------------------------------------------------------------------------
@@ -121,48 +121,48 @@ def test_incd_clears_once_when_its_drive_goes_off() -> None:
 
 @pytest.mark.parametrize(("unit", "shown"), [(0, [0, 1, 2]), (1, [0, 12, 25]), (2, [0, 125, 250])])
 def test_ttmr_measures_the_drive_time(unit: int, shown: list[int]) -> None:
-    bench = Bench()
-    ttmr = bench.level(f"TTMR D0 K{unit}")
+    rig = Rig()
+    ttmr = rig.level(f"TTMR D0 K{unit}")
     values = []
     for now_ms in (700, 1950, 3200):
-        bench.cpu.now_ms = now_ms
+        rig.cpu.now_ms = now_ms
         ttmr(True)
-        values.append(tuple(bench.memory.D[0:2]))
+        values.append(tuple(rig.memory.D[0:2]))
     assert values == list(zip(shown, (0, 12, 25), strict=True))
-    bench.cpu.now_ms = 9000
+    rig.cpu.now_ms = 9000
     ttmr(False)
-    assert bench.memory.D[0:2] == [shown[2], 0]
-    bench.cpu.now_ms = 9500
+    assert rig.memory.D[0:2] == [shown[2], 0]
+    rig.cpu.now_ms = 9500
     ttmr(True)
-    assert bench.memory.D[0:2] == [0, 0]
+    assert rig.memory.D[0:2] == [0, 0]
 
 
 def test_ttmr_stops_at_the_highest_number() -> None:
-    bench = Bench()
-    ttmr = bench.level("TTMR D0 K2")
+    rig = Rig()
+    ttmr = rig.level("TTMR D0 K2")
     ttmr(True)
-    bench.cpu.now_ms = 400_000
+    rig.cpu.now_ms = 400_000
     ttmr(True)
-    assert bench.memory.D[0:2] == [32767, 4000]
+    assert rig.memory.D[0:2] == [32767, 4000]
 
 
 @pytest.mark.parametrize(("text", "before"), [("TTMR D0 K3", {"D0": 1}), ("TTMR D7999 K0", {"D7999": 1})])
 def test_ttmr_out_of_range(text: str, before: State) -> None:
-    bench = Bench(before)
+    rig = Rig(before)
     with pytest.raises(OperationError):
-        bench.level(text)(True)
-    assert bench.memory.D == Bench(before).memory.D
+        rig.level(text)(True)
+    assert rig.memory.D == Rig(before).memory.D
 
 
 def stmr_trace(drives: str, preset: int = 3) -> list[str]:
     """Return one string for each of the four bits, with its level after each scan; scans are 100 ms apart."""
-    bench = Bench()
-    stmr = bench.level(f"STMR T10 K{preset} M0")
+    rig = Rig()
+    stmr = rig.level(f"STMR T10 K{preset} M0")
     shown = []
     for scan, drive in enumerate(drives):
-        bench.cpu.now_ms = 50 + 100 * scan
+        rig.cpu.now_ms = 50 + 100 * scan
         stmr(drive == "1")
-        shown.append(on_bits(bench, 0, 4))
+        shown.append(on_bits(rig, 0, 4))
     return ["".join(column) for column in zip(*shown, strict=True)]
 
 
@@ -185,21 +185,21 @@ def test_stmr_a_drive_shorter_than_the_timer() -> None:
 
 
 def test_stmr_without_drive_does_nothing_and_does_not_start_its_timer() -> None:
-    bench = Bench()
-    stmr = bench.level("STMR T10 K3 M0")
-    before = copied(bench.memory)
+    rig = Rig()
+    stmr = rig.level("STMR T10 K3 M0")
+    before = copied(rig.memory)
     stmr(False)
-    assert_same(bench.memory, before)
+    assert_same(rig.memory, before)
 
 
 def test_stmr_shows_its_time() -> None:
-    bench = Bench()
-    stmr = bench.level("STMR T10 K2 M0")
+    rig = Rig()
+    stmr = rig.level("STMR T10 K2 M0")
     shown = []
     for scan, on in enumerate((True, True, True, True, False, False, False)):
-        bench.cpu.now_ms = 100 * scan
+        rig.cpu.now_ms = 100 * scan
         stmr(on)
-        shown.append((bench.memory.TV[10], bench.memory.T[10], bench.memory.TS[10] >= 0))
+        shown.append((rig.memory.TV[10], rig.memory.T[10], rig.memory.TS[10] >= 0))
     assert shown == [
         (0, False, True),
         (1, False, True),
@@ -215,12 +215,12 @@ def test_stmr_shows_its_time() -> None:
 
 
 def test_ramp_runs_to_its_end_and_restarts() -> None:
-    bench = Bench({"D1": 10, "D2": 50})
-    ramp = bench.level("RAMP D1 D2 D3 K4")
+    rig = Rig({"D1": 10, "D2": 50})
+    ramp = rig.level("RAMP D1 D2 D3 K4")
     shown = []
     for _ in range(7):
         ramp(True)
-        shown.append((bench.memory.D[3], bench.memory.D[4], bench.memory.M[8029]))
+        shown.append((rig.memory.D[3], rig.memory.D[4], rig.memory.M[8029]))
     assert shown == [
         (10, 0, False),
         (20, 1, False),
@@ -233,46 +233,46 @@ def test_ramp_runs_to_its_end_and_restarts() -> None:
 
 
 def test_ramp_downwards_stays_at_its_end_with_m8026() -> None:
-    bench = Bench({"D1": 10, "D2": -1, "M8026": 1})
-    ramp = bench.level("RAMP D1 D2 D3 K2")
+    rig = Rig({"D1": 10, "D2": -1, "M8026": 1})
+    ramp = rig.level("RAMP D1 D2 D3 K2")
     shown = []
     for _ in range(5):
         ramp(True)
-        shown.append((bench.memory.D[3], bench.memory.D[4], bench.memory.M[8029]))
+        shown.append((rig.memory.D[3], rig.memory.D[4], rig.memory.M[8029]))
     assert shown == [(10, 0, False), (5, 1, False), (-1, 2, True), (-1, 2, True), (-1, 2, True)]
 
 
 def test_ramp_without_drive_retains_its_value_and_restarts() -> None:
-    bench = Bench({"D1": 0, "D2": 100})
-    ramp = bench.level("RAMP D1 D2 D3 K4")
+    rig = Rig({"D1": 0, "D2": 100})
+    ramp = rig.level("RAMP D1 D2 D3 K4")
     for _ in range(2):
         ramp(True)
     ramp(False)
-    assert (bench.memory.D[3], bench.memory.D[4], bench.memory.M[8029]) == (25, 0, False)
+    assert (rig.memory.D[3], rig.memory.D[4], rig.memory.M[8029]) == (25, 0, False)
     ramp(True)
-    assert bench.memory.D[3] == 0
+    assert rig.memory.D[3] == 0
 
 
 @pytest.mark.parametrize("text", ["RAMP D1 D2 D3 K0", "RAMP D1 D2 D7999 K4"])
 def test_ramp_out_of_range(text: str) -> None:
-    bench = Bench({"D1": 5, "D2": 6})
-    before = copied(bench.memory)
+    rig = Rig({"D1": 5, "D2": 6})
+    before = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.level(text)(True)
-    assert_same(bench.memory, before)
+        rig.level(text)(True)
+    assert_same(rig.memory, before)
 
 
 @given(st.integers(-32768, 32767), st.integers(-32768, 32767), st.integers(1, 40))
 def test_ramp_is_monotonic_and_within_its_limits(a: int, b: int, count: int) -> None:
-    bench = Bench({"D1": a, "D2": b})
-    ramp = bench.level(f"RAMP D1 D2 D3 K{count}")
+    rig = Rig({"D1": a, "D2": b})
+    ramp = rig.level(f"RAMP D1 D2 D3 K{count}")
     values = []
     for _ in range(count + 1):
         ramp(True)
-        values.append(bench.memory.D[3])
+        values.append(rig.memory.D[3])
     assert (values[0], values[-1]) == (a, b)
     assert values == sorted(values, reverse=b < a)
-    assert bench.memory.M[8029]
+    assert rig.memory.M[8029]
 
 
 # ---- clock ----------------------------------------------------------------------------------------------------
@@ -296,7 +296,7 @@ def test_ramp_is_monotonic_and_within_its_limits(a: int, b: int, count: int) -> 
     ],
 )
 def test_clock(text: str, before: State, after: State) -> None:
-    Bench(before).changes_only(text, after)
+    Rig(before).changes_only(text, after)
 
 
 @pytest.mark.parametrize(
@@ -312,14 +312,14 @@ def test_clock(text: str, before: State, after: State) -> None:
     ],
 )
 def test_clock_error_changes_nothing(text: str, before: State) -> None:
-    bench = Bench(before)
-    expected = copied(bench.memory)
+    rig = Rig(before)
+    expected = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.run(text)
-    assert_same(bench.memory, expected)
+        rig.run(text)
+    assert_same(rig.memory, expected)
 
 
 def test_incd_with_one_bit_and_a_drum_that_was_out_of_range() -> None:
-    bench = Bench({"D0": 1, "C0": 1, "C1": 7})
-    bench.level("INCD D0 C0 M0 K1")(True)
-    assert (on_bits(bench, 0, 2), bench.memory.CV[:2], bench.memory.M[8029]) == ("10", [0, 0], True)
+    rig = Rig({"D0": 1, "C0": 1, "C1": 7})
+    rig.level("INCD D0 C0 M0 K1")(True)
+    assert (on_bits(rig, 0, 2), rig.memory.CV[:2], rig.memory.M[8029]) == ("10", [0, 0], True)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from controller.fx.engine.cpu import OperationError
 from tests.controller.core.core_rig import copied
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
+from tests.controller.fx.engine.applied.fx_applied_rig import Rig, State, assert_same, bits
 
 BLOCK = {f"D{n}": n for n in range(10, 16)}
 
@@ -63,7 +63,7 @@ BLOCK = {f"D{n}": n for n in range(10, 16)}
     ],
 )
 def test_result(text: str, before: State, after: State) -> None:
-    Bench(before).changes_only(text, after)
+    Rig(before).changes_only(text, after)
 
 
 @pytest.mark.parametrize(
@@ -92,34 +92,34 @@ def test_result(text: str, before: State, after: State) -> None:
     ],
 )
 def test_error_changes_nothing(text: str, before: State) -> None:
-    bench = Bench(before)
-    expected = copied(bench.memory)
+    rig = Rig(before)
+    expected = copied(rig.memory)
     with pytest.raises(OperationError):
-        bench.run(text)
-    assert_same(bench.memory, expected)
+        rig.run(text)
+    assert_same(rig.memory, expected)
 
 
 @given(st.integers(0, 9999))
 def test_bin_undoes_bcd(value: int) -> None:
-    bench = Bench({"D0": value})
-    bench.run("BCD D0 D1")
-    assert f"{bench.memory.D[1] & 0xFFFF:04x}" == f"{value:04d}"
-    bench.run("BIN D1 D2")
-    assert bench.memory.D[2] == value
+    rig = Rig({"D0": value})
+    rig.run("BCD D0 D1")
+    assert f"{rig.memory.D[1] & 0xFFFF:04x}" == f"{value:04d}"
+    rig.run("BIN D1 D2")
+    assert rig.memory.D[2] == value
 
 
 @given(st.integers(0, 99_999_999))
 def test_bin_undoes_bcd_in_32_bits(value: int) -> None:
-    bench = Bench()
-    bench.run(f"DMOV K{value} D0")
-    bench.run("DBCD D0 D2")
-    assert f"{bench.memory.D[3] & 0xFFFF:04x}{bench.memory.D[2] & 0xFFFF:04x}" == f"{value:08d}"
-    bench.run("DBIN D2 D4")
-    assert bench.memory.D[4:6] == bench.memory.D[0:2]
+    rig = Rig()
+    rig.run(f"DMOV K{value} D0")
+    rig.run("DBCD D0 D2")
+    assert f"{rig.memory.D[3] & 0xFFFF:04x}{rig.memory.D[2] & 0xFFFF:04x}" == f"{value:08d}"
+    rig.run("DBIN D2 D4")
+    assert rig.memory.D[4:6] == rig.memory.D[0:2]
 
 
 @given(st.lists(st.integers(-32768, 32767), min_size=20, max_size=20), st.integers(0, 10), st.integers(1, 10))
 def test_block_is_copied_unchanged_to_any_target(values: list[int], target: int, count: int) -> None:
-    bench = Bench({f"D{n}": value for n, value in enumerate(values)})
-    bench.run(f"BMOV D5 D{target} K{count}")
-    assert bench.memory.D[target : target + count] == values[5 : 5 + count]
+    rig = Rig({f"D{n}": value for n, value in enumerate(values)})
+    rig.run(f"BMOV D5 D{target} K{count}")
+    assert rig.memory.D[target : target + count] == values[5 : 5 + count]

@@ -8,7 +8,7 @@ import pytest
 
 from controller.iomap.loader import IoMap, load_io_map
 from plant_sim.hil.bench import Bench
-from plant_sim.hil.session import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict
+from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict
 from tests.plant_sim.hil.hil_rig import Damage, default_map, failures, judge
 
 

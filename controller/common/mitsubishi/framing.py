@@ -18,7 +18,7 @@ class DigitError(FrameError):
     """Raised for a character that is not a hexadecimal digit."""
 
 
-class FieldWriter:
+class FrameWriter:
     """Frame under construction."""
 
     def __init__(self, *, is_ascii: bool) -> None:
@@ -56,7 +56,7 @@ class FieldWriter:
         self._parts.append(digits.encode() if self.is_ascii else bytes.fromhex(digits))
 
 
-class FieldReader:
+class FrameReader:
     """Frame that is read field by field."""
 
     def __init__(self, data: bytes, *, is_ascii: bool) -> None:
@@ -97,7 +97,7 @@ class FieldReader:
         return tuple(self.number(size) for _ in range(count))
 
     def bits(self, count: int, *, pad: bool = False) -> tuple[bool, ...]:
-        """Return bits written by `FieldWriter.bits`."""
+        """Return bits written by `FrameWriter.bits`."""
         if self.is_ascii:
             digits = self.raw(count + count % 2 if pad else count)[:count]
         else:

@@ -32,7 +32,7 @@ class StoppedError(Exception):
     """Raised at a request to stop the check."""
 
 
-class CheckBench:
+class CheckedField:
     """Field I/O and keyboard of one check.
 
     Attributes:
@@ -43,7 +43,7 @@ class CheckBench:
     """
 
     def __init__(self, link: DevicesLink, io_map: IoMap, keyboard: Keyboard, clock: Clock, stop: Stop) -> None:
-        """Create a bench on a closed link; `step` opens it."""
+        """Create the field I/O on a closed link; `step` opens it."""
         self.io_map = io_map
         self.levels: Levels = {}
         self.keyboard = keyboard

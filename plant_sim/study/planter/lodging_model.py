@@ -1,4 +1,4 @@
-"""Mechanical model of the bench fitted to one data set, and other predictors for comparison."""
+"""Mechanical model of lodging and injury, fitted to one data set, and other predictors for comparison."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from plant_sim.common.paper_sheet import equation
 from plant_sim.common.polynomial import Polynomial
 from plant_sim.planter.parameters import Planter
 from plant_sim.study.paper_tables import Experiment, cabbage_experiment
-from plant_sim.study.planter.bench_fit import (
+from plant_sim.study.planter.lodging_fit import (
     InjuryConstants,
     LodgingConstants,
     Predictor,
@@ -27,7 +27,7 @@ from plant_sim.study.planter.tipping import Tipping
 
 
 @dataclass(frozen=True)
-class BenchModel:
+class LodgingModel:
     """Mechanical model fitted to one data set.
 
     Attributes:
@@ -53,7 +53,7 @@ class BenchModel:
     tipped_error: Values
 
 
-def bench_model(planter: Planter, tipping: Tipping, experiment: Experiment, natural: Values) -> BenchModel:
+def lodging_model(planter: Planter, tipping: Tipping, experiment: Experiment, natural: Values) -> LodgingModel:
     """Fit the mechanical model to a data set.
 
     Args:
@@ -73,7 +73,7 @@ def bench_model(planter: Planter, tipping: Tipping, experiment: Experiment, natu
         Polynomial(equation(f"cabbage-equation-{number}", name)).predict(coded)
         for number, name in ((10, "Y1"), (11, "Y2"))
     ]
-    return BenchModel(
+    return LodgingModel(
         experiment,
         fitted,
         natural,

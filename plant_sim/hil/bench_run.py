@@ -1,4 +1,4 @@
-"""Session of the bench: every case in turn on one machine, which is brought back after a failed case."""
+"""Run of the bench: every case in turn on one machine, which is brought back after a failed case."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from plant_sim.hil.cases import (
 )
 from plant_sim.hil.figure import Figure
 from plant_sim.hil.machine_view import SHORTEST_MS
-from plant_sim.hil.story import CaseError, NotRunError, Story
+from plant_sim.hil.procedure import CaseError, NotRunError, Procedure
 
 FIRST_GROUPS: Final = ("power-up", "homing", "cycle", "trial", "stop")
 """Groups that always run, because the others need the situations of their trial."""
@@ -63,7 +63,7 @@ class CaseResult:
     figures: dict[str, Figure] = field(default_factory=dict)
 
 
-class Session:
+class BenchRun:
     """All cases on one machine.
 
     Attributes:
@@ -80,7 +80,7 @@ class Session:
         reference_lost: int | None = None,
         report: Callable[[CaseResult], None] | None = None,
     ) -> None:
-        """Create a session.
+        """Create a run.
 
         Args:
             bench: Bench.
@@ -98,7 +98,7 @@ class Session:
         self._report = report
         self._lost_machine = ""
 
-    def story(self) -> Story:
+    def procedure(self) -> Procedure:
         """Run all cases."""
         for case in first_cases(self._reference_lost):
             yield from self._case(case)
@@ -118,7 +118,7 @@ class Session:
             if group not in {case.group for case in chosen}:
                 yield no_case(group, self._only)
 
-    def _case(self, case: Case) -> Story:
+    def _case(self, case: Case) -> Procedure:
         """Run one case and note its result."""
         bench = self._bench
         reason = self._lost_machine or shortage_of_trays(bench)
@@ -132,7 +132,7 @@ class Session:
             if case.starts:
                 yield from run(bench)
                 from_ms = bench.now_ms
-            yield from case.story(bench)
+            yield from case.procedure(bench)
         except NotRunError as error:
             if not bench.findings.violations:
                 self._note(CaseResult(case.group, case.name, CaseVerdict.NOT_RUN, [str(error)], from_ms, bench.now_ms))
@@ -148,7 +148,7 @@ class Session:
         if reasons:
             yield from self._bring_back()
 
-    def _bring_back(self) -> Story:
+    def _bring_back(self) -> Procedure:
         """Bring the machine into its initial state after a failure; if that fails, no further case is run."""
         bench = self._bench
         bench.repair()

@@ -11,7 +11,7 @@ from plant_sim.planter.parameters import load_planter, load_ranges
 from plant_sim.study.doe.design import to_natural
 from plant_sim.study.errors import StudyError
 from plant_sim.study.paper_tables import CABBAGE_FACTORS, cabbage_experiment
-from plant_sim.study.planter.bench_fit import (
+from plant_sim.study.planter.lodging_fit import (
     InjuryConstants,
     LodgingConstants,
     comparisons,

@@ -1,4 +1,4 @@
-"""Simulated trials at one setting of the bench, with the mechanical model and with the paper's equations."""
+"""Simulated trials at one setting of the planter, with the mechanical model and with the paper's equations."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from plant_sim.twin.report import binomial_interval
 _KM_H = 3.6
 
 
-class BenchSetting(NamedTuple):
-    """Setting of the bench.
+class LodgingSetting(NamedTuple):
+    """Setting of the planter.
 
     Attributes:
         speed_km_h: Machine speed, km/h.
@@ -58,7 +58,7 @@ class SeedlingCount(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BenchCheck:
+class OptimumCheck:
     """Trials at the setting that the paper claims to be optimal.
 
     Attributes:
@@ -68,7 +68,7 @@ class BenchCheck:
         equations: Trials with equations 10 and 11.
     """
 
-    setting: BenchSetting
+    setting: LodgingSetting
     expected: tuple[float, float]
     mechanics: list[SeedlingCount]
     equations: list[SeedlingCount]
@@ -82,7 +82,7 @@ def pooled(trials: Sequence[SeedlingCount]) -> SeedlingCount:
 def simulate_trials(
     planter: Planter,
     ranges: Ranges,
-    setting: BenchSetting,
+    setting: LodgingSetting,
     seedlings: Sequence[int],
     *,
     seed: int,
@@ -107,7 +107,7 @@ def simulate_trials(
     return spread(jobs, workers, progress)
 
 
-def equation_trials(setting: BenchSetting, seedlings: Sequence[int], *, seed: int) -> list[SeedlingCount]:
+def equation_trials(setting: LodgingSetting, seedlings: Sequence[int], *, seed: int) -> list[SeedlingCount]:
     """Return random trials of cabbage blocks with the shares from equations 10 and 11.
 
     Args:
@@ -124,7 +124,7 @@ def equation_trials(setting: BenchSetting, seedlings: Sequence[int], *, seed: in
     return trials
 
 
-def _trial(planter: Planter, ranges: Ranges, setting: BenchSetting, seedlings: int, seed: int) -> SeedlingCount:
+def _trial(planter: Planter, ranges: Ranges, setting: LodgingSetting, seedlings: int, seed: int) -> SeedlingCount:
     gripping = planter.with_values({"grip.clamp_n": setting.force_n})
     motion = Motion(planter.chain, speed_m_s=setting.speed_km_h / _KM_H, frequency_per_min=setting.frequency_per_min)
     rng = np.random.default_rng(seed)

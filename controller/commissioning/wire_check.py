@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from controller.commissioning.axes import AXIS_OF, Change, refusal
-from controller.commissioning.bench import CheckBench, FieldLostError, StoppedError
+from controller.commissioning.checked_field import CheckedField, FieldLostError, StoppedError
 from controller.commissioning.judge import (
     WireFinding,
     WireResult,
@@ -34,21 +34,21 @@ class QuitError(Exception):
     """Raised when the person ends the check."""
 
 
-class CheckSession:
+class WireCheck:
     """Check of the points of a report."""
 
     def __init__(
-        self, bench: CheckBench, report: CheckReport, language: Language, now_utc_ms: Callable[[], int]
+        self, field: CheckedField, report: CheckReport, language: Language, now_utc_ms: Callable[[], int]
     ) -> None:
-        """Create a session.
+        """Create a check.
 
         Args:
-            bench: Field I/O and keyboard.
+            field: Field I/O and keyboard.
             report: Report to fill in.
             language: Language of the texts.
             now_utc_ms: Function that returns the wall-clock time, ms since 1970 UTC.
         """
-        self._bench = bench
+        self._field = field
         self._report = report
         self._language = language
         self._now_utc_ms = now_utc_ms
@@ -68,7 +68,7 @@ class CheckSession:
         except FieldLostError as error:
             lost = str(error)
         finally:
-            self._bench.make_safe()
+            self._field.make_safe()
             report.ended_ms = self._now_utc_ms()
         if lost:
             with contextlib.suppress(TerminalLostError):
@@ -76,12 +76,12 @@ class CheckSession:
 
     def _report_loss(self, error: str) -> None:
         """Report a lost device, or a trip, which is known after the safe outputs have been written."""
-        devices = self._bench.tripped
+        devices = self._field.tripped
         self._report.end = "tripped" if devices else "lost"
         if devices:
             self._say("tripped", devices=devices)
         else:
-            self._bench.keyboard.show(said(REASONS["link"], self._language, error=error))
+            self._field.keyboard.show(said(REASONS["link"], self._language, error=error))
 
     def _check_inputs(self, points: Sequence[Point]) -> None:
         if points:
@@ -96,7 +96,7 @@ class CheckSession:
         for prompt in ("release", "operate"):
             if self._ask(prompt, "\ns", point) == "s":
                 return "s"
-            levels.append(dict(self._bench.levels))
+            levels.append(dict(self._field.levels))
         finding = judge_input(point, *levels)
         self._record(point, finding)
         return "\n" if finding.result is WireResult.OK else self._ask("again", "\nr")
@@ -108,12 +108,12 @@ class CheckSession:
         self._report.watchdog_confirmed = self._ask("watchdog", "yn\n") == "y"
         if not self._report.watchdog_confirmed:
             return
-        devices = self._bench.drive()
+        devices = self._field.drive()
         if devices:
             self._say("reset", devices=devices)
-        before, changes = self._bench.watch(SETTLE_MS)
+        before, changes = self._field.watch(SETTLE_MS)
         for tag in outputs_of(motions(before, changes)):
-            self._record(self._bench.io_map[tag], WireFinding(WireResult.UNCOMMANDED))
+            self._record(self._field.io_map[tag], WireFinding(WireResult.UNCOMMANDED))
         pending = [point for point in points if self._report.finding(point.tag).result is not WireResult.UNCOMMANDED]
         retried: set[Point] = set()
         while pending:
@@ -137,10 +137,10 @@ class CheckSession:
         def rank(point: Point) -> tuple[int, int]:
             motion = point.tag.rpartition(".")[2]
             place = ORDER.index(motion) if motion in ORDER else len(ORDER)
-            if refusal(point.tag, self._bench.levels) is not None:
+            if refusal(point.tag, self._field.levels) is not None:
                 return 2, place
             axis, direction = AXIS_OF.get(point.tag, (None, 0))
-            return int(axis is not None and axis.is_at_end(direction, self._bench.levels)), place
+            return int(axis is not None and axis.is_at_end(direction, self._field.levels)), place
 
         return min(pending, key=rank)
 
@@ -150,7 +150,7 @@ class CheckSession:
             answer = self._ask("clear", "ys", point)
             if answer == "s":
                 return set()
-            reason = refusal(point.tag, self._bench.levels)
+            reason = refusal(point.tag, self._field.levels)
             if reason is None:
                 break
             self._say("refused", point, reason=said(REASONS[reason], self._language))
@@ -161,16 +161,16 @@ class CheckSession:
 
     def _hold(self, point: Point) -> set[str]:
         sensed = is_sensed(point.tag, self._report.findings)
-        before = dict(self._bench.levels)
+        before = dict(self._field.levels)
         seen: list[Change] = []
         was_on = False
 
         def decided(changes: list[Change]) -> bool:
-            return sensed and is_decided(point.tag, before, [*seen, *changes], self._bench.levels)
+            return sensed and is_decided(point.tag, before, [*seen, *changes], self._field.levels)
 
         while True:
             self._say("hold", point)
-            held = self._bench.hold(point, lambda: refusal(point.tag, self._bench.levels), decided)
+            held = self._field.hold(point, lambda: refusal(point.tag, self._field.levels), decided)
             seen += held.changes
             was_on |= held.was_on
             if held.end in REASONS:
@@ -181,7 +181,7 @@ class CheckSession:
                 return set()
             if held.end in ("\n", "reacted") and was_on:  # Enter alone is no verdict on an output that was never on
                 break
-        _, coasting = self._bench.watch(SETTLE_MS)
+        _, coasting = self._field.watch(SETTLE_MS)
         seen += coasting
         finding = judge_output(point.tag, before, seen) if sensed else None
         self._record(point, self._by_eye(point) if finding is None else finding)
@@ -192,27 +192,27 @@ class CheckSession:
         answer = self._ask("seen", "yno", point)
         if answer != "o":
             return WireFinding(WireResult.OK if answer == "y" else WireResult.DEAD, note="by_eye")
-        typed = self._bench.line(said(PROMPTS["which"], self._language)).upper()
-        other = next((each for each in self._bench.io_map.outputs if each.address == typed), None)
+        typed = self._field.line(said(PROMPTS["which"], self._language)).upper()
+        other = next((each for each in self._field.io_map.outputs if each.address == typed), None)
         if other is None or other.tag == point.tag:
             return WireFinding(WireResult.WRONG, note="by_eye")
         return WireFinding(WireResult.SWAPPED, (other.tag,), note="by_eye")
 
     def _record(self, point: Point, finding: WireFinding) -> None:
         self._report.add(point.tag, finding, self._now_utc_ms())
-        text = result_text(self._bench.io_map, finding, self._language)
+        text = result_text(self._field.io_map, finding, self._language)
         note = note_text(finding, self._language)
         self._say("result", point, result=f"{text} ({note})" if note else text)
 
     def _ask(self, prompt: str, answers: str, point: Point | None = None) -> str:
         """Ask for a key; q ends the check."""
-        answer = self._bench.ask(self._text(prompt, point), f"{answers}q")
+        answer = self._field.ask(self._text(prompt, point), f"{answers}q")
         if answer == "q":
             raise QuitError
         return answer
 
     def _say(self, prompt: str, point: Point | None = None, **values: str) -> None:
-        self._bench.keyboard.show(self._text(prompt, point, **values))
+        self._field.keyboard.show(self._text(prompt, point, **values))
 
     def _text(self, prompt: str, point: Point | None = None, **values: str) -> str:
         name = "" if point is None else label(point, self._language)
