@@ -200,7 +200,8 @@ class Accountant:
 
     def _measured(self) -> Usage:
         elapsed_s = (time.perf_counter() - self._start_s) * (os.cpu_count() or 1)
-        others_s = busy_time_s() - self._busy_s - self._workers_s - own_time_s()
+        # the time of the workers is their own report: they need not have been waited for yet
+        others_s = busy_time_s() - self._busy_s - self._workers_s - time.process_time()
         return Usage(
             dict(self._folders_s), median(self._loops_s or [reference_loop_s()]), max(0.0, others_s / elapsed_s)
         )

@@ -17,6 +17,7 @@ from typing import Any, Final
 import pytest
 import yaml
 
+from tests.paths import ROOT
 from tests.sampling import MORE_EXAMPLES, NIGHTLY, WEEKLY
 
 TABLE: Final = Path(__file__).with_name("parts.yaml")
@@ -136,6 +137,7 @@ class TableCheck(pytest.Item):
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.Item]) -> None:
     """Add the check of the table to a run that collects all tests; before the marks select some of them."""
+    place = TABLE.relative_to(ROOT).as_posix()
     cases = [
         Case(
             item.nodeid.partition("::")[0],
@@ -145,7 +147,7 @@ def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.It
         for item in items
         if isinstance(item, pytest.Function)
     ]
-    items.append(TableCheck.from_parent(session, name=TABLE.name, found=problems(cases, table())))
+    items.append(TableCheck.from_parent(session, name=TABLE.name, nodeid=place, found=problems(cases, table())))
 
 
 if __name__ == "__main__":
