@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import difflib
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -145,10 +146,15 @@ def test_a_missing_test_file_and_an_escape_without_a_reason_are_reported(tmp_pat
 # ---- the tests detect the damages ---------------------------------------------------------------------------------
 
 
+@cache
+def selected_files(file: str) -> frozenset[Path]:
+    """Return the test files that are selected for a source file."""
+    return frozenset(selected(own_dependencies(), [Path(file)]).files)
+
+
 def selected_tests(damage: Damage) -> list[str]:
     """Return the listed test files that are selected for the damaged file, in the order of the list."""
-    files = selected(own_dependencies(), [Path(damage.file)]).files
-    return [name for name in damage.tests if Path(name) in files]
+    return [name for name in damage.tests if Path(name) in selected_files(damage.file)]
 
 
 def test_a_listed_test_file_is_selected_for_every_damage() -> None:

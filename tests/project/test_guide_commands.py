@@ -71,6 +71,7 @@ SLOW: Final = {
     '.venv/bin/python -m controller prove --without "left: down at feed only" --goal "left: down away from feed" '
     "--traces traces",
     '.venv/bin/python -m controller replay --without "left: down at feed only" traces/left-down-away-from-feed.json',
+    '.venv/bin/python -m controller prove --goal "left: down away from feed"',
     ".venv/bin/python -m controller run --hmi-port 5021",
     ".venv/bin/python -m controller run --mc 3e --mc-port 5007",
     ".venv/bin/python -m controller prove --mutants 20 --seed 1",
@@ -81,6 +82,7 @@ SLOW: Final = {
     '.venv/bin/python -m plant_sim faults --at-rest --fault stuck_on:slide_at_feed --stop "emergency stop" '
     '--stop "link lost"',
     ".venv/bin/python -m plant_sim faults --stored-air --trays 1 --out stored-air",
+    ".venv/bin/python -m plant_sim line pepper --metres 100 --out my-row",
     ".venv/bin/python -m plant_sim planter --figure 9 --plot var/planter.gif",
     ".venv/bin/python -m plant_sim serve --watchdog-ms 500",
     ".venv/bin/python -m plant_sim study campaign docs/examples/campaign.yaml --trials 1 --seedlings 12 "

@@ -16,7 +16,7 @@ from tests.sampling import first_of
 PART: Final = 50
 PARTS: Final = 200
 FINE_STEP_S: Final = 1e-4
-SAMPLED: Final = pytest.mark.parametrize("part", first_of(range(PARTS), 2, nightly=18))
+SAMPLED: Final = pytest.mark.parametrize("part", first_of(range(PARTS), nightly=19))
 
 
 class Surveyed(NamedTuple):

@@ -137,7 +137,7 @@ def attempt(twin: Twin, state: State, within_ms: int) -> Iterator[None]:
     yield
 
 
-@pytest.mark.parametrize("first", first_of(range(0, STORIES, BATCH), 2, nightly=14))
+@pytest.mark.parametrize("first", first_of(range(0, STORIES, BATCH), nightly=15))
 def test_stories_are_equal_in_machine_code_and_step_by_step(first: int) -> None:
     """Every device, value, event and seedling is equal after every part of the stories."""
     interrupted = 0
