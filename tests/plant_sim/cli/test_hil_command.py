@@ -29,6 +29,7 @@ def _start(*arguments: str, folder: Path) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.nightly
 def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
     only = ("--cases", "emergency stop", "--only", "left: lift_retract, loaded")
     bench = _start(

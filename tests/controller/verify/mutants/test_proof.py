@@ -27,6 +27,7 @@ from controller.verify.timing import ExactTimers
 from tests.controller.core.core_rig import m, x, y
 from tests.controller.verify.proof_rig import MACHINE, SOUND
 from tests.controller.verify.verify_rig import GOAL, specification_of
+from tests.sampling import first_of
 
 
 @cache
@@ -111,12 +112,15 @@ def test_mutants_that_survived_are_killed(name: str, goal: str) -> None:
     assert goal in proof().violated(mutants()[name].program)
 
 
-def test_the_shared_proof_agrees_with_the_proof() -> None:
-    """A mutant with a violated goal is reported by ``prove``, and one without is not."""
-    for name, goal in KNOWN.items():
-        changed = replace(SOUND, program=mutants()[name].program)
-        report = prove(changed, clock=lambda: 0.0, only=[goal], short=True)
-        assert [row.result for row in report.rows if row.name == goal] == [ProofResult.UNPROVED]
+@pytest.mark.parametrize(("name", "goal"), first_of(KNOWN.items()))
+def test_the_shared_proof_agrees_with_the_proof(name: str, goal: str) -> None:
+    """A mutant with a violated goal is reported by ``prove``."""
+    changed = replace(SOUND, program=mutants()[name].program)
+    report = prove(changed, clock=lambda: 0.0, only=[goal], short=True)
+    assert [row.result for row in report.rows if row.name == goal] == [ProofResult.UNPROVED]
+
+
+def test_the_shared_proof_of_the_original_program_has_no_violation() -> None:
     assert proof().violated(MACHINE.program) == []
     assert proof().blocked_way_out(MACHINE.program) == ""
 
