@@ -79,7 +79,7 @@ def test_the_list_contains_only_mutants_of_the_program() -> None:
     assert [name for name in listed_survivors(LISTED) if name not in names] == []
 
 
-@pytest.mark.nightly
+@pytest.mark.weekly
 @pytest.mark.timeout(7_200)
 def test_the_table_of_the_fixed_sample_is_current() -> None:
     """All 300 mutants are judged, with every story: the results are those of the table, and none is a gap."""

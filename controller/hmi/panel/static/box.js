@@ -44,10 +44,11 @@ export class BoxPanel {
 class EmergencyStopButton {
   constructor() {
     this.pressed = false;
-    this.reason = null;
+    this.reason = t("why.stale"); // until the first view
     this.state = make("p", { class: "why" });
     this.button = make("button", { type: "button", class: "order emergency", "data-box": "emergency_stop", on: { click: () => this.press() } },
       make("span", { text: t("box.emergency_stop") }));
+    mark(this.button, "aria-disabled", "true");
     this.node = make("div", { class: "order-with-why" }, this.button, this.state);
   }
 

@@ -19,8 +19,9 @@ export class OrderButton {
     this.level = level;
     this.command = command;
     this.message = message;
-    this.why = null;
+    this.why = t("why.stale"); // until the first view
     this.button = make("button", { type: "button", class: `order ${kind}`, ...data, on: { click: () => this.press() } });
+    mark(this.button, "aria-disabled", "true");
     this.button.append(make("span", { text: label }));
     this.reason = why ? make("p", { class: "why" }) : null;
     this.node = why ? make("div", { class: "order-with-why" }, this.button, this.reason) : this.button;
@@ -59,12 +60,13 @@ export class HoldButton {
   constructor(label, { begin, end, level = "operate", command = null, data = {}, kind = "" }) {
     this.level = level;
     this.command = command;
-    this.why = null;
+    this.why = t("why.stale"); // until the first view
     this.begin = begin;
     this.finish = end;
     this.held = false;
     this.label = make("span", { text: label });
     this.button = make("button", { type: "button", class: `hold ${kind}`, ...data }, this.label);
+    mark(this.button, "aria-disabled", "true");
     this.node = this.button;
     this.#listen();
   }

@@ -53,6 +53,7 @@ class PanelFrame {
     this.paused = make("p", { class: "strip paused", role: "status", "data-part": "paused" });
     this.field = make("p", { class: "strip stale", role: "alert", "data-part": "field-lost" });
     this.forced = make("p", { class: "strip forced", role: "alert", "data-part": "forced" });
+    for (const strip of [this.stale, this.paused, this.field, this.forced]) strip.hidden = true;
     this.noticeLine = make("p", { class: "notice", role: "status", "data-part": "notice" });
     this.tabs = Object.keys(PAGES).map((name) => this.#tab(name));
     this.main = make("main", { id: "page", role: "tabpanel" });

@@ -391,6 +391,22 @@ def test_refused_jog_ends_and_shows_the_reason(stopped: Station, screen: Screen)
     assert not any(OUTPUT in outputs for _, outputs in live.levels)
 
 
+def test_nothing_can_be_pressed_before_the_first_view(panel: PanelProcess, browser: Browser) -> None:
+    """A page whose connection is not yet open shows no strip, and its buttons give the reason instead of an order."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.route_web_socket(re.compile(".*"), lambda socket: None)  # opens, and sends nothing
+    page.goto(panel.url)
+    expect(page.locator("[data-box=start]")).to_have_attribute("aria-disabled", "true")
+    for button in page.locator("[data-box], [data-pace], [data-command]").all():
+        expect(button).to_have_attribute("aria-disabled", "true")
+    for part in ("paused", "field-lost", "forced"):
+        expect(page.locator(f"[data-part={part}]")).to_be_hidden()
+    page.locator("[data-box=start]").click(force=True)
+    expect(page.locator("[data-part=notice]")).to_contain_text("✕")
+    context.close()
+
+
 def test_outdated_values_are_distinguished_from_a_pause(
     live: LiveMachine, panel: PanelProcess, browser: Browser
 ) -> None:
