@@ -23,8 +23,7 @@ USAGE: Final = "scripts/test [--nightly [PART] | --weekly [PART] | --changed [RE
 ALL: Final = "all"
 CHECKS: Final = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",), ("lint-imports",))
 TOOLS: Final = Path(sys.executable).parent
-WORKERS: Final = ("-n", "3", "--dist", "worksteal")
-"""Three workers on two cores: some tests wait for processes."""
+WORKERS: Final = ("-n", "2", "--dist", "worksteal")
 ENDING_S: Final = 30
 """Time in which an interrupted tool must end by itself, s."""
 INTERRUPTED: Final = 128 + signal.SIGINT
