@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.suite import leaves, selection
+from tests.suite import facts_store, leaves, selection
 from tests.suite.dependencies import Dependencies, dependencies, own_dependencies
-from tests.suite.selection import changed_since, select, selected
+from tests.suite.selection import changed_since, selected
 
 COMMAND_LINE = """
 from controller.common.command_line import CommandLine
@@ -163,7 +163,7 @@ def test_edited_new_deleted_and_moved_files_are_changed(tree: Path) -> None:
         git(tree, "mv", "controller/core/scan.py", "controller/core/scanner.py")
         names = ("README.md", "controller/core/new.py", "controller/core/scan.py", "controller/core/scanner.py")
         assert changed_since(tree) == [*map(Path, names), Path("tests/rig/listed.csv")]
-        assert Path("tests/test_scan.py") in select(tree, [Path("controller/core/scan.py")]).files
+        assert Path("tests/test_scan.py") in selected(dependencies(tree), [Path("controller/core/scan.py")]).files
         git(tree, "commit", "--quiet", "--all", "-m", "Move")
         assert changed_since(tree) == [Path("controller/core/new.py")]
         assert Path("controller/core/scan.py") in changed_since(tree, "HEAD~1")
@@ -249,3 +249,22 @@ def test_invalid_measurements_are_one_line(
         leaves.main([str(path)])
     assert ended.value.code == 2
     assert capsys.readouterr().err == f"python -m tests.suite.leaves: {path.parent}/{expected}\n"
+
+
+def test_the_facts_of_a_changed_file_are_read_again(tree: Path, tmp_path: Path) -> None:
+    """Kept facts give the same dependencies as those read from the files; a damaged store is ignored."""
+    store = tmp_path / "kept" / "facts.pickle"
+    for text in (None, "from controller.core.clock import now_ms\n\n\ndef test_scan(): ...\n"):
+        if text is not None:
+            (tree / "tests/test_scan.py").write_text(text)
+        for content in (None, b"damaged"):
+            if content is not None:
+                store.write_bytes(content)
+            assert dependencies(tree, store) == dependencies(tree)
+            assert dependencies(tree, store) == dependencies(tree)
+
+
+def test_kept_facts_are_not_read_from_the_files(tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = dependencies(tree, store := tmp_path / "facts.pickle")
+    monkeypatch.setattr(facts_store, "facts_of", None)
+    assert dependencies(tree, store) == kept

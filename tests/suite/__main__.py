@@ -16,8 +16,9 @@ from typing import Final
 
 from tests.paths import ROOT
 from tests.sampling import NIGHTLY, WEEKLY
+from tests.suite.dependencies import own_dependencies
 from tests.suite.parts import Part, PartError, parts
-from tests.suite.selection import changed_since, select
+from tests.suite.selection import changed_since, selected
 
 USAGE: Final = "scripts/test [--nightly [PART] | --weekly [PART] | --changed [REV]] [options of pytest]"
 ALL: Final = "all"
@@ -94,7 +95,7 @@ def _part_run(part: Part, rest: list[str]) -> Run:
 
 
 def _changed_runs(revision: str, rest: list[str]) -> list[Run]:
-    selection = select(ROOT, changed_since(ROOT, revision))
+    selection = selected(own_dependencies(), changed_since(ROOT, revision))
     if selection.all is not None:
         return [Run(f"all tests, because of {selection.all}", tuple(rest))]
     files = [str(file) for file in selection.files]

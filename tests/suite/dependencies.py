@@ -13,7 +13,8 @@ from pathlib import Path, PurePosixPath
 from typing import Final, TypeVar
 
 from tests.paths import ROOT
-from tests.suite.facts import ROOTS, WHOLE_TREE, Facts, command_table, facts_of, places_of
+from tests.suite.facts import ROOTS, WHOLE_TREE, Facts, command_table, places_of
+from tests.suite.facts_store import STORE, facts_of_all
 
 _CONFTEST: Final = "conftest.py"
 _PATHS: Final = "tests/paths.py"
@@ -81,15 +82,20 @@ def tracked(root: Path) -> list[str]:
 @cache
 def own_dependencies() -> Dependencies:
     """Return the dependencies between the files of this checkout, read once."""
-    return dependencies(ROOT)
+    return dependencies(ROOT, STORE)
 
 
-def dependencies(root: Path) -> Dependencies:
-    """Return the dependencies between the files of a checkout."""
+def dependencies(root: Path, store: Path | None = None) -> Dependencies:
+    """Return the dependencies between the files of a checkout.
+
+    Args:
+        root: Root of the checkout.
+        store: File that keeps the facts of each source file between runs; None to read all files.
+    """
     names = tracked(root)
     texts = {name: (root / name).read_text(encoding="utf-8") for name in names if name.endswith((".py", ".md"))}
     sources = {name: text for name, text in texts.items() if name.endswith(".py") and name.partition("/")[0] in ROOTS}
-    facts = {name: facts_of(PurePosixPath(name), text) for name, text in sources.items()}
+    facts = facts_of_all(sources, store)
     graph = _Graph(facts, _command_lines(sources))
     for name in facts:
         graph.add_source(name)

@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from tests.paths import ROOT
-from tests.suite.dependencies import Dependencies, dependencies, own_dependencies
+from tests.suite.dependencies import Dependencies, own_dependencies
 
 _DECIDES: Final = ("pyproject.toml", "scripts", ".ci", "tests/suite")
 """Files and folders that decide how every test runs."""
@@ -36,13 +36,8 @@ class Selection:
     all: Path | None = None
 
 
-def select(root: Path, changed: Iterable[Path]) -> Selection:
-    """Return the test files that changed files, given relative to the root, can affect."""
-    return selected(dependencies(root), changed)
-
-
 def selected(graph: Dependencies, changed: Iterable[Path]) -> Selection:
-    """Return the test files that changed files can affect."""
+    """Return the test files that changed files, given relative to the root, can affect."""
     paths = sorted({path.as_posix() for path in changed})
     for path in paths:
         if decides_all(path):
