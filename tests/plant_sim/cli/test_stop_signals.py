@@ -279,7 +279,8 @@ def test_a_service_ends_at_once(
             service.stop(number)
         code, errors = service.end()
         assert code == 0, moment
-        assert all(line.startswith("ticks of 1 ms") for line in errors.splitlines()), moment  # timing of the plant
+        timing = "ticks of 1 ms"  # printed by a plant on a busy computer
+        assert [line for line in errors.splitlines() if not line.startswith(timing)] == [], moment
 
 
 @pytest.mark.parametrize(("by_hand", "expected"), first_of([(True, 0), (False, 130)], 2))
