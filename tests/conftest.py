@@ -3,6 +3,7 @@ comparison of the mark `real_time` with the processes of each test.
 """
 
 import gc
+import signal
 from pathlib import Path
 from typing import Final
 from zlib import crc32
@@ -33,11 +34,14 @@ SAMPLED: Final = tuple(
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the plant and the program, or load their cached machine code, in the process that starts the workers.
 
-    Each worker compares the processes of its tests with their marks.
+    Each worker compares the processes of its tests with their marks, and receives interrupts, as the processes that it
+    starts do.
 
     The number of Hypothesis examples depends on whether nightly tests are selected.
     """
     gc.set_threshold(GC_ALLOCATIONS)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # inherited from a shell without job control
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if NIGHTLY in config.option.markexpr and f"not {NIGHTLY}" not in config.option.markexpr:
         settings.load_profile(NIGHTLY)
     config.pluginmanager.register(ProcessWatch())

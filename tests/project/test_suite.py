@@ -103,7 +103,7 @@ def test_invalid_arguments_are_one_line(
 def test_the_tests_of_changed_files_run(
     log: Path, selection: Selection, runs: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(suite, "select", lambda *_: selection)
+    monkeypatch.setattr(suite, "selected", lambda *_: selection)
     assert suite.main(["--changed", "-x"], suite.Tools()) == 0
     assert log.read_text().splitlines() == [*CHECKS, *runs]
 
