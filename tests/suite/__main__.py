@@ -24,7 +24,8 @@ USAGE: Final = "scripts/test [--nightly [PART] | --weekly [PART] | --changed [RE
 ALL: Final = "all"
 CHECKS: Final = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",), ("lint-imports",))
 TOOLS: Final = Path(sys.executable).parent
-WORKERS: Final = ("-n", "2", "--dist", "worksteal")
+WORKERS: Final = ("-n", "3", "--dist", "worksteal")
+"""Three workers for two cores: tests wait for processes and browsers during a fifth of the time."""
 ENDING_S: Final = 30
 """Time in which an interrupted tool must end by itself, s."""
 INTERRUPTED: Final = 128 + signal.SIGINT
