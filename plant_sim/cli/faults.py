@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import TypeVar
 
@@ -58,6 +59,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KIND[:TARGET]",
         help="inject only this fault; may be repeated",
     )
+    parser.add_argument(
+        "--times",
+        dest="factors",
+        type=float,
+        action="append",
+        default=[],
+        metavar="FACTOR",
+        help="multiply the sizes of the faults, and record signals and harm without judging; may be repeated",
+    )
     parser.add_argument("--moments", type=int, default=MOMENTS, help="random moments per fault")
     parser.add_argument(
         "--at-rest",
@@ -92,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the matrix, write the table and print a summary.
 
     Returns:
-        0 if all results are as expected, else 1.
+        0 if all results are as expected, or if other sizes are recorded without being judged, else 1.
 
     Raises:
         FaultError: An option is invalid.
@@ -109,15 +119,18 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run_in_motion(options: argparse.Namespace, setting: MatrixSetup) -> int:
-    chosen = subjects(setting.twin().plant, options.fault)
+    chosen = subjects(setting.twin().plant, options.fault, options.factors)
+    if not chosen:
+        raise FaultError("--times: no fault has another size within its range; specify other factors or faults")
     folder = _create_folder(options.out) if options.out is not None else None
     start_s = time.perf_counter()
     rows = run_matrix(chosen, setting, moments=options.moments, jobs=options.jobs)
-    print(report.summary(rows, time.perf_counter() - start_s))
+    judged = not options.factors
+    print((report.summary if judged else report.sizes_summary)(rows, time.perf_counter() - start_s))
     if folder is not None:
-        for path in report.write_report(rows, folder):
+        for path in (report.write_report if judged else report.write_sizes_report)(rows, folder):
             print(path)
-    return 1 if any(row.findings for row in rows) else 0
+    return 1 if judged and any(row.findings for row in rows) else 0
 
 
 def _run_at_rest(options: argparse.Namespace, setting: MatrixSetup) -> int:
@@ -257,6 +270,10 @@ def _check(options: argparse.Namespace) -> None:
         raise FaultError("--stored-air: has cases of its own; omit --all, --fault and --at-rest")
     if not options.stored_air and options.all == bool(options.fault):
         raise FaultError("faults: specify either --all or --fault KIND[:TARGET], for example --fault jammed:left.slide")
+    if options.factors and (options.stored_air or options.at_rest):
+        raise FaultError("--times: applies to faults in motion; omit --at-rest and --stored-air")
+    if not all(0 < factor < inf for factor in options.factors):
+        raise FaultError("--times: must be a positive number, for example 0.5")
     for name in ("moments", "jobs"):
         if not 1 <= getattr(options, name) <= 1000:
             raise FaultError(f"--{name} {getattr(options, name)}: must be 1 to 1000")

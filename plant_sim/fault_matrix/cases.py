@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from controller.common.suggestion import suggestion
@@ -68,7 +68,7 @@ class Subject:
         return [Fault(self.kind, target, draws.randrange(from_ms, to_ms), size=self.size) for target in targets]
 
 
-def subjects(plant: Plant, only: Iterable[str] = ()) -> list[Subject]:
+def subjects(plant: Plant, only: Iterable[str] = (), factors: Sequence[float] = ()) -> list[Subject]:
     """Return all rows of the matrix that apply to a machine.
 
     The matrix applies to the points that every machine has; an optional point must be selected by name.
@@ -76,12 +76,14 @@ def subjects(plant: Plant, only: Iterable[str] = ()) -> list[Subject]:
     Args:
         plant: The machine; sensors that are not wired are omitted.
         only: Selection as KIND or KIND:TARGET; all rows if empty.
+        factors: Factors by which each size in `SIZES` is multiplied, instead of the sizes themselves. Sizes outside the
+            range of the kind, those in `SIZES`, and kinds without a size are omitted.
 
     Raises:
         FaultError: The kind is unknown or does not apply to the target.
     """
     chosen = [_chosen(plant, text) for text in only] or [(kind, "") for kind in FAULTS]
-    rows = [subject for kind, target in chosen for subject in _subjects_of(plant, kind, target)]
+    rows = [subject for kind, target in chosen for subject in _subjects_of(plant, kind, target, factors)]
     return list(dict.fromkeys(rows))
 
 
@@ -107,13 +109,20 @@ def _strikable(plant: Plant, kind: str) -> Collection[str]:
     return [target for target in FAULTS[kind].parts(plant) if target not in unwired]
 
 
-def _subjects_of(plant: Plant, kind: str, only: str) -> list[Subject]:
+def _subjects_of(plant: Plant, kind: str, only: str, factors: Sequence[float]) -> list[Subject]:
     by_part: dict[str, list[str]] = {}
     for target in _strikable(plant, kind):
         if target == only or not (only or target in plant.terminals.optional):
             by_part.setdefault(_row_of(kind, target), []).append(target)
-    sizes: tuple[float | None, ...] = SIZES[kind] if FAULTS[kind].size is not None else (None,)
+    sizes = _scaled(kind, factors) if factors else SIZES.get(kind, (None,))
     return [Subject(kind, part, size, tuple(targets)) for part, targets in by_part.items() for size in sizes]
+
+
+def _scaled(kind: str, factors: Sequence[float]) -> list[float]:
+    """Return the sizes of a kind, multiplied by factors and in ascending order."""
+    limits, sizes = FAULTS[kind].size, SIZES.get(kind, ())
+    scaled = {float(f"{size * factor:.6g}") for size in sizes for factor in factors} - {*sizes}
+    return sorted(size for size in scaled if limits is not None and limits.low <= size <= limits.high)
 
 
 def _row_of(kind: str, target: str) -> str:

@@ -25,6 +25,8 @@ HEADING = (
     "lost",
     "in doubt",
     "recovered",
+    "harm",
+    "silent harm",
     "monitors",
     "findings",
 )
@@ -49,9 +51,11 @@ COLUMNS = (
     "monitors",
     "findings",
 )
+SIZES_COLUMNS = COLUMNS[:-1]
 LEGEND = (
     "After the fault: minimum, median and maximum time. In its step: maximum time for which the timed-out step had",
     "been active, and its timeout. Lost: seedlings lost or left behind in excess of those of the undisturbed trial.",
+    "Harm: trials in which a monitor tripped. Silent harm: those of them without any signal until their end.",
 )
 
 
@@ -82,6 +86,16 @@ class MatrixRow:
         ]
 
     @property
+    def harmful(self) -> int:
+        """Number of cases in which a monitor tripped."""
+        return sum(outcome.is_harmful for outcome in self.outcomes)
+
+    @property
+    def silently_harmful(self) -> int:
+        """Number of cases in which a monitor tripped and no signal occurred."""
+        return sum(outcome.is_silently_harmful for outcome in self.outcomes)
+
+    @property
     def is_detected(self) -> bool:
         """True if a signal occurred in any case."""
         return any(outcome.signal for outcome in self.outcomes)
@@ -103,14 +117,38 @@ class MatrixRow:
             _range([outcome.lost for outcome in self.outcomes]),
             _range([outcome.in_doubt for outcome in self.outcomes]),
             f"{sum(outcome.recovered for outcome in self.outcomes)} of {len(self.outcomes)}",
+            str(self.harmful or "-"),
+            str(self.silently_harmful or "-"),
             _counted(kind for outcome in self.outcomes for kind in outcome.trips) or "-",
             str(len(self.findings)) if self.findings else "-",
         )
 
 
+def headline(rows: Sequence[MatrixRow]) -> str:
+    """Return the numbers of faults and trials, of signals, of recovered trials, and of harm."""
+    outcomes = [outcome for row in rows for outcome in row.outcomes]
+    harmful = [row for row in rows if row.harmful]
+    silent = [row for row in rows if row.silently_harmful]
+    never = sum(not row.is_detected for row in silent)
+    signalled = sum(outcome.signal is not None for outcome in outcomes)
+    recovered = sum(outcome.recovered for outcome in outcomes)
+    return (
+        f"{len(rows)} faults, {len(outcomes):,} trials: {signalled:,} with a signal, {recovered:,} recovered. "
+        f"Harm by {len(harmful)} faults in {sum(row.harmful for row in rows)} trials; "
+        f"silent harm by {len(silent)} faults in {sum(row.silently_harmful for row in rows)} trials, "
+        f"{never} of these faults never signalled."
+    )
+
+
+def sizes_markdown(rows: Sequence[MatrixRow]) -> str:
+    """Return the matrix of other sizes, which have no expectation, as Markdown."""
+    lines = markdown_table(HEADING[:-1], (row.cells()[:-1] for row in rows))
+    return "\n".join([headline(rows), "", *lines, "", *LEGEND, ""])
+
+
 def markdown(rows: Sequence[MatrixRow]) -> str:
-    """Return the matrix, the limits of detection and the findings as Markdown."""
-    lines = markdown_table(HEADING, (row.cells() for row in rows))
+    """Return the headline, the matrix, the limits of detection and the findings as Markdown."""
+    lines = [headline(rows), "", *markdown_table(HEADING, (row.cells() for row in rows))]
     lines += ["", *LEGEND]
     notes = [f"- `{row.subject}`: {row.expected.note}" for row in rows if row.expected.note]
     if notes:
@@ -133,19 +171,36 @@ def write_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
     return write_table(folder, "fault-matrix", f"# Fault matrix\n\n{markdown(rows)}", records(rows), COLUMNS)
 
 
+def write_sizes_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
+    """Write the matrix of other sizes to a folder; return the files.
+
+    Raises:
+        OSError: The folder is not writable.
+    """
+    text = f"# Fault matrix: other sizes\n\n{sizes_markdown(rows)}"
+    listed = [{name: value for name, value in record.items() if name in SIZES_COLUMNS} for record in records(rows)]
+    return write_table(folder, "fault-matrix-sizes", text, listed, SIZES_COLUMNS)
+
+
 def summary(rows: Sequence[MatrixRow], wall_s: float) -> str:
     """Return a summary of the matrix as text."""
-    outcomes = [outcome for row in rows for outcome in row.outcomes]
     findings = [finding for row in rows for finding in row.findings]
-    detected = sum(outcome.signal is not None for outcome in outcomes)
-    lines = [
-        f"{len(rows)} faults, {len(outcomes)} trials in {wall_s:.0f} s: {detected} with a signal, "
-        f"{sum(outcome.recovered for outcome in outcomes)} recovered",
+    return "\n".join([*_overview(rows, wall_s), f"findings: {len(findings) or 'none'}", *findings])
+
+
+def sizes_summary(rows: Sequence[MatrixRow], wall_s: float) -> str:
+    """Return a summary of the matrix of other sizes as text."""
+    return "\n".join(_overview(rows, wall_s))
+
+
+def _overview(rows: Sequence[MatrixRow], wall_s: float) -> list[str]:
+    silent = [row for row in rows if row.silently_harmful]
+    return [
+        headline(rows),
+        f"duration: {wall_s:.0f} s",
         f"without a signal: {', '.join(str(row.subject) for row in rows if not row.is_detected) or 'none'}",
-        f"findings: {len(findings) or 'none'}",
-        *findings,
+        f"silent harm: {', '.join(str(row.subject) for row in silent) or 'none'}",
     ]
-    return "\n".join(lines)
 
 
 def _record(subject: Subject, outcome: Outcome) -> dict[str, object]:

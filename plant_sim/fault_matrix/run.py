@@ -72,6 +72,16 @@ class Outcome:
         return not self.reason and not self.left
 
     @property
+    def is_harmful(self) -> bool:
+        """True if a monitor has tripped, whether the program could have prevented it or not."""
+        return bool(self.trips)
+
+    @property
+    def is_silently_harmful(self) -> bool:
+        """True if a monitor has tripped and no signal occurred in the whole trial."""
+        return self.is_harmful and self.signal is None
+
+    @property
     def left(self) -> int:
         """Seedlings left in trays or claws."""
         return self.counts.in_tray + self.counts.in_claw

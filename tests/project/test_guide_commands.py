@@ -77,6 +77,7 @@ SLOW: Final = {
     ".venv/bin/python -m controller prove --mutants 20 --seed 1",
     ".venv/bin/python -m controller prove --mutants 300 --seed 1 --out docs/reference",
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
+    ".venv/bin/python -m plant_sim faults --all --times 0.25 --times 0.5 --times 2 --times 4 --out fault-matrix",
     ".venv/bin/python -m plant_sim faults --at-rest --all --out fault-matrix",
     ".venv/bin/python -m plant_sim faults --at-rest --all --stop stopped --every 500",
     '.venv/bin/python -m plant_sim faults --at-rest --fault stuck_on:slide_at_feed --stop "emergency stop" '

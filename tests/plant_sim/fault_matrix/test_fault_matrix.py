@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -24,16 +25,17 @@ from plant_sim.fault_matrix.cases import Subject, subjects
 from plant_sim.fault_matrix.expected import EXPECTED, NO_ROW, Expectation, expectation
 from plant_sim.fault_matrix.first_signal import SUSPENSIONS, Signal
 from plant_sim.fault_matrix.judge import complaints
-from plant_sim.fault_matrix.report import COLUMNS, MatrixRow, markdown, records, summary
+from plant_sim.fault_matrix.report import COLUMNS, SIZES_COLUMNS, MatrixRow, headline, markdown, records, summary
 from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
 from plant_sim.fault_matrix.table_files import as_csv
 from plant_sim.faults import FAULTS, Fault, parse_fault
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.monitors import MONITORS
-from tests.paths import DOCS
+from tests.paths import DOCS, ROOT
 from tests.sampling import first_of
 
+PAGE = DOCS / "fault-matrix.md"
 ONE_TRAY = MatrixSetup(trays=1)
 TWO_TRAYS = MatrixSetup(trays=2)
 ALL = subjects(ONE_TRAY.twin().plant)
@@ -234,11 +236,13 @@ def test_the_table_contains_signal_times_and_losses() -> None:
         "0 to 12",
         "3 of 3",
         "-",
+        "-",
+        "-",
         "1",
     )
     assert "- jammed:left.slide@20000ms..: 2 seedlings lost" in markdown([row]).splitlines()
     assert "None." in markdown([MatrixRow(subject_of(JAM), [SOUND])]).splitlines()
-    assert summary([row], 3.0).splitlines()[0].startswith("1 faults, 3 trials in 3 s: 2 with a signal")
+    assert summary([row], 3.0).splitlines()[0].startswith("1 faults, 3 trials: 2 with a signal, 3 recovered. Harm by 0")
 
 
 def test_a_csv_line_equals_the_record() -> None:
@@ -252,12 +256,71 @@ def test_a_csv_line_equals_the_record() -> None:
 
 def test_the_page_has_every_row_and_every_note() -> None:
     """The generated table on the page contains a row for every current fault, and every note."""
-    text = (DOCS / "fault-matrix.md").read_text(encoding="utf-8")
-    page = text.partition("## Switches that stick at rest")[0].splitlines()
+    page = PAGE.read_text(encoding="utf-8").partition("## Other sizes")[0].splitlines()
     rows = [line.split(" | ")[0].removeprefix("| ") for line in page if line.startswith("| `")]
     assert rows == [f"`{subject}`" for subject in ALL]
     notes = [f"- `{subject}`: {expectation(subject).note}" for subject in ALL if expectation(subject).note]
     assert [line for line in page if line.startswith("- `")] == notes
+
+
+HEADLINE = re.compile(
+    r"Harm by (\d+) faults in (\d+) trials; silent harm by (\d+) faults in (\d+) trials, (\d+) of these faults never"
+)
+
+
+@pytest.mark.parametrize("heading", ["Seed 1, two trays, ten times each", "Other sizes"])
+def test_the_headline_of_the_page_is_that_of_its_table(heading: str) -> None:
+    section = PAGE.read_text(encoding="utf-8").partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    numbers = HEADLINE.search(section)
+    assert numbers is not None
+    names, _, *rows = [line.strip("| ").split(" | ") for line in section.splitlines() if line.startswith("| ")]
+    cells = [dict(zip(names, row, strict=True)) for row in rows]
+    harm = [int(row["harm"]) for row in cells if row["harm"] != "-"]
+    silent = [row for row in cells if row["silent harm"] != "-"]
+    never = [row for row in silent if row["detected"] == "0"]
+    in_trials = sum(int(row["silent harm"]) for row in silent)
+    assert [int(n) for n in numbers.groups()] == [len(harm), sum(harm), len(silent), in_trials, len(never)]
+    assert all((row["harm"] == "-") == (row["monitors"] == "-") for row in cells)
+
+
+def test_the_readme_and_the_introduction_state_the_harm_of_the_headline() -> None:
+    numbers = HEADLINE.search(PAGE.read_text(encoding="utf-8"))
+    assert numbers is not None
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f": {numbers[1]} of {len(ALL)} do harm, {numbers[5]} of them without any alarm" in readme
+    introduction = " ".join(PAGE.read_text(encoding="utf-8").split())
+    assert f"{numbers[1]} of its {len(ALL)} faults do harm, {numbers[5]} of them without ever being" in introduction
+
+
+def test_the_headline_counts_harm_and_silent_harm() -> None:
+    trips = {"dropped": "cup 3"}
+    quiet = replace(SOUND, signal=None, rounds=0)
+    rows = [
+        MatrixRow(subject_of(JAM), [replace(SOUND, trips=trips), SOUND]),  # signalled
+        MatrixRow(subject_of(JAM), [replace(quiet, trips=trips), replace(SOUND, trips=trips)]),  # once without a signal
+        MatrixRow(subject_of(JAM), [replace(quiet, trips=trips)] * 3),  # never signalled
+        MatrixRow(subject_of(JAM), [quiet]),  # neither signal nor harm
+    ]
+    assert headline(rows) == (
+        "4 faults, 8 trials: 3 with a signal, 8 recovered. Harm by 3 faults in 6 trials; silent harm by 2 faults in 4 "
+        "trials, 1 of these faults never signalled."
+    )
+    assert [row.cells()[10:12] for row in rows] == [("1", "-"), ("2", "1"), ("3", "3"), ("-", "-")]
+    assert "\nsilent harm: jammed:slide, jammed:slide\n" in summary(rows, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("factors", "only", "sizes"),
+    [
+        ([0.5, 2.0], "slow_valve:left.slide", [0.05, 0.2, 0.25, 1.0]),
+        ([5.0], "slow_valve:left.slide", [2.5]),  # 0.5 is in the table without factors
+        ([50.0], "slow_valve:left.slide", [5.0]),  # 25 s is out of range
+        ([1.0], "slow_valve:left.slide", []),
+        ([0.5], "jammed:left.slide", []),
+    ],
+)
+def test_other_sizes_are_multiples_of_those_of_the_table(factors: list[float], only: str, sizes: list[float]) -> None:
+    assert [subject.size for subject in subjects(ONE_TRAY.twin().plant, [only], factors)] == sizes
 
 
 def run(*arguments: str) -> int:
@@ -269,10 +332,28 @@ def test_the_command_writes_table_csv_and_json_and_ends_with_0(
 ) -> None:
     folder = tmp_path / "new" / "folder"
     assert run("--fault", "broken_wire:start", "--moments", "2", "--out", str(folder)) == 0
-    assert capsys.readouterr().out.splitlines()[1:3] == ["without a signal: broken_wire:start", "findings: none"]
+    assert capsys.readouterr().out.splitlines()[2:5] == [
+        "without a signal: broken_wire:start",
+        "silent harm: none",
+        "findings: none",
+    ]
     assert "| `broken_wire:start` | 2 | 0 |" in (folder / "fault-matrix.md").read_text(encoding="utf-8")
     assert len((folder / "fault-matrix.csv").read_text(encoding="utf-8").splitlines()) == 3
     assert [case["recovered"] for case in json.loads((folder / "fault-matrix.json").read_text())] == [True, True]
+
+
+def test_the_row_of_another_size_is_recorded_without_being_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A front edge sensor that is 0.1 s late does silent harm; the row is that of the page."""
+    selection = ("--fault", "late_sensor:tray_front_edge", "--times", "0.5", "--moments", "10")
+    assert main(["faults", *selection, "--jobs", "1", "--out", str(tmp_path)]) == 0
+    assert "\nsilent harm: late_sensor:tray_front_edge=0.1\n" in capsys.readouterr().out
+    written = (tmp_path / "fault-matrix-sizes.md").read_text(encoding="utf-8")
+    (row,) = (line for line in written.splitlines() if line.startswith("| `"))
+    assert row in PAGE.read_text(encoding="utf-8").splitlines()
+    (header, *cases) = csv.reader((tmp_path / "fault-matrix-sizes.csv").read_text(encoding="utf-8").splitlines())
+    assert (header, len(cases)) == ([*SIZES_COLUMNS], 10)
 
 
 def test_a_finding_is_reported_and_gives_exit_code_1(
@@ -308,6 +389,10 @@ def test_parallel_processes_give_the_same_results_as_one(moments: int) -> None:
         (["--all", "--at-rest", "--stop", "stoped"], "--stop stoped: unknown kind of stop; did you mean stopped?"),
         (["--at-rest", "--fault", "jammed"], "jammed: does not occur at rest"),
         (["--at-rest", "--fault", "stuck_on:lift_dwn"], "stuck_on:lift_dwn: is not a position switch; did you mean"),
+        (["--all", "--at-rest", "--times", "2"], "--times: applies to faults in motion; omit --at-rest and"),
+        (["--all", "--times", "0"], "--times: must be a positive number, for example 0.5"),
+        (["--all", "--times", "nan"], "--times: must be a positive number, for example 0.5"),
+        (["--fault", "jammed:left.slide", "--times", "2"], "--times: no fault has another size within its range"),
         (["--all", "--jobs", "0"], "--jobs 0: must be 1 to 1000"),
         (["--all", "--out", "/dev/null/x"], "--out /dev/null/x: Not a directory; specify another folder"),
     ],
