@@ -105,7 +105,7 @@ def test_a_search_by_bisection_finds_every_situation_of_a_period(stop: StopKind)
     assert len({spell.situation for spell in every if spell.situation.side == "left"}) >= 3
 
 
-@pytest.mark.nightly
+@pytest.mark.weekly
 @pytest.mark.timeout(3_000)
 def test_a_search_by_bisection_finds_every_situation_of_the_trial() -> None:
     trial = undisturbed(TWO_TRAYS)
@@ -189,17 +189,15 @@ def test_a_switch_that_sticks_at_rest_is_told_and_the_trial_completes(
     assert (complaints(outcome), outcome.rounds, outcome.signal) == ([], 1, alarm)
 
 
-@pytest.mark.nightly
 @pytest.mark.timeout(3_600)
-@pytest.mark.parametrize("stop", STOPS, ids=str)
+@pytest.mark.parametrize("stop", first_of(STOPS, 0, nightly=2), ids=str)
 def test_every_switch_in_every_rest_situation(stop: StopKind) -> None:
     results = run_table(selection([stop.name]), TWO_TRAYS, every_ms=None, jobs=1)
     assert [finding for result in results for finding in result.findings] == []
 
 
-@pytest.mark.nightly
 @pytest.mark.timeout(3_600)
-@pytest.mark.parametrize("stop", STOPS[:4], ids=str)
+@pytest.mark.parametrize("stop", first_of(STOPS[:4], 0, nightly=1), ids=str)
 def test_every_switch_at_every_tenth_of_a_second_of_a_cycle(stop: StopKind) -> None:
     """The moments are not in the middle of the situations; one cycle of the left arm."""
     chosen = selection([stop.name])
