@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import os
 import re
+import sys
 from collections.abc import Callable, Collection
 from pathlib import Path
+from typing import Final, Literal
 
 from controller.cli.machine import add_io_map, machine_of
 from controller.cli.mutants import add_mutant_arguments, run_mutants
@@ -15,6 +19,9 @@ from controller.core.specification import Specification
 from controller.program.requirements.proof import specification as specification_of
 from controller.verify.cells import ModelError
 from controller.verify.report import Report, prove
+
+PROGRESS_S: Final = 5.0
+"""Time between two lines about parts of one kind, s."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RULE",
         help="omit an interlock rule to show what it prevents, e.g. 'left: down at feed only'; may be repeated",
     )
+    parser.add_argument("--verbose", action="store_true", help="print every goal, and all values of every limit")
+    parser.add_argument("--report", type=Path, default=None, metavar="FILE", help="file for the text of --verbose")
     parser.add_argument("--json", action="store_true", help="print the report as JSON, including traces")
     parser.add_argument("--traces", type=Path, default=None, help="folder for the traces of violated requirements")
     add_mutant_arguments(parser)
@@ -47,13 +56,15 @@ def run(options: argparse.Namespace) -> int:
             clock=lambda: clock.now_ms() / 1000,
             goals=options.goal,
             short=options.short,
-            as_json=options.json,
+            form="json" if options.json else "verbose" if options.verbose else "summary",
+            report_file=options.report,
             traces=options.traces,
         )
     except ModelError as error:
         raise InputError(f"--goal: {error}") from error
     except OSError as error:
-        raise InputError(f"--traces {options.traces}: {error.strerror}; choose a writable folder") from error
+        option = "--report" if str(error.filename) == str(options.report) else "--traces"
+        raise InputError(f"{option} {error.filename}: {error.strerror}; choose a writable folder") from error
     print(text)
     return 0 if good else 1
 
@@ -63,9 +74,10 @@ def prove_command(
     *,
     clock: Callable[[], float],
     goals: Collection[str] | None,
-    short: bool,
-    as_json: bool,
-    traces: Path | None,
+    short: bool = False,
+    form: Literal["summary", "verbose", "json"] = "summary",
+    report_file: Path | None = None,
+    traces: Path | None = None,
 ) -> tuple[str, bool]:
     """Prove a specification.
 
@@ -74,7 +86,8 @@ def prove_command(
         clock: Monotonic time, s.
         goals: Names of the goals to prove; None = all.
         short: True to omit traces, steps and ways out.
-        as_json: True to report as JSON.
+        form: Form of the returned text: the summary, every goal with its details, or JSON.
+        report_file: File for the text with every goal and its details.
         traces: Folder for the traces of violated goals.
 
     Returns:
@@ -82,14 +95,47 @@ def prove_command(
 
     Raises:
         ModelError: A goal is unknown.
-        OSError: The folder is not writable.
+        OSError: The file or the folder is not writable; raised before the proof.
     """
     if traces is not None:
-        traces.mkdir(parents=True, exist_ok=True)  # an invalid folder is reported before the proof, not after it
-    report = prove(specification, clock=clock, only=goals, short=short)
+        traces.mkdir(parents=True, exist_ok=True)
+    if report_file is not None:
+        _check_place(report_file)
+    report = prove(specification, clock=clock, only=goals, short=short, tell=_Progress(clock))
     if traces is not None:
         _write_traces(report, traces)
-    return report.to_json() if as_json else report.text(), report.good
+    if report_file is not None:
+        report_file.write_text(report.text() + "\n", encoding="utf-8")
+    forms = {"summary": report.summary, "verbose": report.text, "json": report.to_json}
+    return forms[form](), report.good
+
+
+def _check_place(file: Path) -> None:
+    """Raise `OSError` if a file cannot be written, without writing it."""
+    place = file if file.exists() else file.parent
+    number = errno.EISDIR if file.is_dir() else errno.ENOENT if not file.parent.is_dir() else errno.EACCES
+    if number != errno.EACCES or not os.access(place, os.W_OK):
+        raise OSError(number, os.strerror(number), str(file))
+
+
+class _Progress:
+    """Prints the part of the proof that begins and the elapsed time, on standard error.
+
+    Parts of one kind that follow each other quickly share a line.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._began_s = clock()
+        self._kind = ""
+        self._due_s = 0.0
+
+    def __call__(self, part: str) -> None:
+        elapsed_s = self._clock() - self._began_s
+        kind = part.partition(" ")[0]
+        if kind != self._kind or elapsed_s >= self._due_s:
+            self._kind, self._due_s = kind, elapsed_s + PROGRESS_S
+            print(f"{elapsed_s:.0f} s: {part}", file=sys.stderr, flush=True)
 
 
 def _write_traces(report: Report, folder: Path) -> None:

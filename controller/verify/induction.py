@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from typing import Final
 
 import z3
 
@@ -27,6 +28,9 @@ from controller.verify.solving import (
     values,
 )
 from controller.verify.timing import ExactTimers
+
+CAUSE_LINES: Final = 12
+"""Maximum number of lines of a short description."""
 
 
 class Moment(StrEnum):
@@ -198,6 +202,26 @@ def describe_failure(model: Model, failure: Failure) -> list[str]:
     ):
         if cells:
             lines.append(f"  {title}: {', '.join(model.names.describe(cell, memory[cell]) for cell in cells)}")
+    return lines
+
+
+def cause_of(model: Model, failure: Failure) -> list[str]:
+    """Return a short description of the scan that violates the goal, in at most `CAUSE_LINES` lines.
+
+    It lists the values in the cause that differ from the default, such as devices that are on, and counts the others.
+    """
+    causes = [*failure.causes, *failure.input_causes]
+    listed = [cell for cell in causes if failure.start[cell] != cell.default]
+    shown = listed[: CAUSE_LINES - 4]
+    after = [cell for cell in leaves_of(failure.goal.holds) if failure.after[cell] != cell.default]
+    lines = [f"in {failure.moment}, sufficient:"]
+    lines += [f"  {model.names.describe(cell, failure.start[cell])}" for cell in shown]
+    if len(listed) > len(shown):
+        lines.append(f"  and {len(listed) - len(shown)} other values")
+    if len(causes) > len(listed):
+        lines.append(f"  and {len(causes) - len(listed)} devices that are off or 0")
+    if after:
+        lines.append(f"  then: {', '.join(model.names.describe(cell, failure.after[cell]) for cell in after)}")
     return lines
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from functools import partial
@@ -12,7 +12,7 @@ from typing import Final, TypeVar
 
 from controller.core.specification import ComputedProperty, PropertyResult, Specification
 from controller.verify.cells import ModelError
-from controller.verify.induction import Induction, Moment, Verdict, describe_failure, unproved
+from controller.verify.induction import Induction, Moment, Verdict, cause_of, describe_failure, unproved
 from controller.verify.model import Goal, Model
 from controller.verify.progress import Exits, ProgressResult, lead_out
 from controller.verify.search import Search
@@ -57,6 +57,7 @@ class GoalResult:
         result: Result.
         seconds: Computing time.
         lines: Explanation.
+        cause: Short form of the explanation of a limit.
         trace: Trace that violates the goal.
     """
 
@@ -65,7 +66,12 @@ class GoalResult:
     result: Result
     seconds: float
     lines: tuple[str, ...] = ()
+    cause: tuple[str, ...] = ()
     trace: Trace | None = None
+
+    def details(self, lines: Iterable[str]) -> list[str]:
+        """Return a paragraph with the name, the result and the given lines."""
+        return ["", f"{self.name}: {self.result}", *(f"  {line}" for line in lines)]
 
 
 @dataclass(frozen=True)
@@ -89,13 +95,36 @@ class Report:
         """True if every result is proved, explored, possible for steps and ways out, or listed for limits."""
         return all(row.result in GOOD for row in self.rows)
 
+    def summary(self) -> str:
+        """Return the verdict, the assumptions, the results of each kind of goal, and what is not or cannot be proved.
+
+        A goal that is not proved has all its details, a limit its cause in a few lines.
+        """
+        bad = [row for row in self.rows if row.result not in GOOD]
+        verdict = f"not proved: {len(bad)} of" if bad else "proved:"
+        lines = [f"{self.program}: {verdict} {len(self.rows)} goals, {self.seconds:.1f} s"]
+        lines += self._assumption_lines()
+        groups = Counter((row.kind, row.result) for row in self.rows)
+        width = max((len(kind) for kind, _ in groups), default=0)
+        lines += [f"{kind:<{width}}  {count:4d} {result}" for (kind, result), count in groups.items()]
+        checks = [row for row in self.rows if row.kind == CHECK and row.result in GOOD and row.lines]
+        lines += [f"{row.name}: {row.result}, {row.lines[0]}" for row in checks]
+        for row in bad:
+            lines += row.details(row.lines)
+        for row in self.rows:
+            if row.result is Result.LISTED:
+                lines += row.details(row.cause)
+        return "\n".join(lines)
+
+    def _assumption_lines(self) -> list[str]:
+        return [f"assumption {number}: {text}" for number, text in enumerate(self.assumptions, 1)]
+
     def text(self) -> str:
         """Return the assumptions, a table, and the details of the goals that are not proved."""
         width = max((len(row.name) for row in self.rows), default=0)
         kind = max((len(row.kind) for row in self.rows), default=0)
         result = max((len(row.result) for row in self.rows), default=0)
-        lines = [f"assumption {number}: {text}" for number, text in enumerate(self.assumptions, 1)]
-        lines += [f"{self.program}: {len(self.rows)} goals, {self.seconds:.1f} s"]
+        lines = [*self._assumption_lines(), f"{self.program}: {len(self.rows)} goals, {self.seconds:.1f} s"]
         for row in self.rows:
             explained = row.lines and (row.result is Result.POSSIBLE or (row.kind == CHECK and row.result in GOOD))
             explanation = f"  {row.lines[0]}" if explained else ""
@@ -103,7 +132,7 @@ class Report:
             lines.append(columns + explanation)
         for row in self.rows:
             if row.result not in GOOD or row.result is Result.LISTED:
-                lines += ["", f"{row.name}: {row.result}", *(f"  {line}" for line in row.lines)]
+                lines += row.details(row.lines)
         return "\n".join(lines)
 
     def to_json(self) -> str:
@@ -119,6 +148,7 @@ def prove(
     short: bool = False,
     scans: int = SCANS,
     search_s: float = SEARCH_S,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Report:
     """Prove a specification.
 
@@ -129,6 +159,7 @@ def prove(
         short: Whether to omit traces, progress checks and the checks of the specification.
         scans: Maximum length of a trace, scans.
         search_s: Time limit for the entire search for traces, s.
+        tell: Function that is called with the name of each part of the proof before it begins.
 
     Returns:
         One row for each goal.
@@ -144,23 +175,28 @@ def prove(
     limits = () if short else model.limits
     others = [each.name for each in questions] + [each.name for each in checks] + [each.name for each in limits]
     wanted = _wanted(only, [goal.name for goal in model.goals], others)
-    checked = [(check, *_timed(clock, check.run)) for check in checks if check.name in wanted]
-    answers = [(question, *_timed(clock, question.ask)) for question in questions if question.name in wanted]
+    checks = tuple(check for check in checks if check.name in wanted)
+    questions = [question for question in questions if question.name in wanted]
+    limits = tuple(limit for limit in limits if limit.name in wanted)
+    checked = [(check, *_timed(clock, check.run)) for check in _told(tell, "check", checks)]
+    answers = [(question, *_timed(clock, question.ask)) for question in _told(tell, "step or way out", questions)]
     asked = [goal.name for goal in model.goals if goal.name in wanted]
     asked += [name for _, check, _ in answers for name in check.rests_on]
     asked += [name for check, _, _ in checked for name in check.rests_on]
     induction = Induction(model)
+    tell(f"requirements and invariants: {len(asked)} together")
     verdicts = _verdicts(model, induction, asked, clock)
     failed = unproved(verdict for verdict, _ in verdicts)
     open_verdicts = [] if short else [verdict for verdict, _ in verdicts if verdict.goal.name in failed]
+    if open_verdicts:
+        tell(f"traces of {len(open_verdicts)} goals that are not proved")
     traces = _traces(model, open_verdicts, clock, scans, search_s)
     rows = [_goal_row(model, v, seconds, failed, traces.get(v.goal.name)) for v, seconds in verdicts]
     rows += [_progress_row(question, check, seconds, failed) for question, check, seconds in answers]
     rows += [_check_row(check, examined, seconds, failed) for check, examined, seconds in checked]
     rows += [
         _limit_row(model, limit, *_timed(clock, partial(induction.prove, limit)))
-        for limit in limits
-        if limit.name in wanted
+        for limit in _told(tell, "limit", limits)
     ]
     return Report(model.program.name, specification.assumptions, tuple(rows), clock() - began_s)
 
@@ -192,6 +228,13 @@ def _wanted(only: Collection[str] | None, goals: list[str], questions: list[str]
     if unknown:
         raise ModelError(f"unknown goal {unknown[0]!r}; known: {', '.join([*goals, *questions])}")
     return known if only is None else set(only)
+
+
+def _told(tell: Callable[[str], None], kind: str, items: Sequence[_T]) -> Iterator[_T]:
+    """Yield items, and tell the kind and number of each."""
+    for number, item in enumerate(items, 1):
+        tell(f"{kind} {number} of {len(items)}")
+        yield item
 
 
 def _timed(clock: Callable[[], float], work: Callable[[], _T]) -> tuple[_T, float]:
@@ -275,7 +318,7 @@ def _goal_row(
         result = Result.BROKEN
     else:
         result = {True: Result.CONDITIONAL, False: Result.UNPROVED, None: Result.UNDECIDED}[verdict.proved]
-    return GoalResult(goal.name, goal.kind, result, seconds, tuple(lines), trace)
+    return GoalResult(goal.name, goal.kind, result, seconds, tuple(lines), trace=trace)
 
 
 def _progress_row(
@@ -304,8 +347,9 @@ def _limit_row(model: Model, limit: Goal, verdict: Verdict, seconds: float) -> G
     trace = one_scan(model, verdict.failure) if verdict.failure.moment is Moment.RUNNING else None
     if trace is not None and not breaks(model.program, trace, limit):
         raise RuntimeError(f"the trace to {limit.name!r} does not replay: the formulas differ from the scan")
+    cause = (*lines, *cause_of(model, verdict.failure))
     lines += tuple(describe_failure(model, verdict.failure))
-    return GoalResult(limit.name, limit.kind, Result.LISTED, seconds, lines, trace)
+    return GoalResult(limit.name, limit.kind, Result.LISTED, seconds, lines, cause, trace)
 
 
 def _check_row(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import fields, replace
@@ -19,7 +20,7 @@ from controller.program.states import State
 from controller.verify.cells import ModelError
 from controller.verify.report import CONSISTENT, Result, prove
 from plant_sim.twin.lock_step import Twin
-from tests.controller.core.core_rig import y
+from tests.controller.core.core_rig import x, y
 from tests.controller.verify.proof_rig import MACHINE, SOUND, seconds
 from tests.controller.verify.verify_rig import specification_of
 from tests.sampling import first_of
@@ -59,6 +60,11 @@ SAMPLED = [{f"{bit} {bit.name}": Result.POSSIBLE for bit in STEPS}, *TABLES.valu
 # ---- complete program -------------------------------------------------------------------------------------------
 
 
+PROGRESS = re.compile(
+    r"\d+ s: (check|step or way out|limit) \d+ of \d+|\d+ s: requirements and invariants: \d+ together"
+)
+
+
 def expected_results(every: int) -> dict[str, Result]:
     """Return the results by name: all requirements and invariants, and one in `every` of each other kind of goal."""
     return ALWAYS | {name: table[name] for table in SAMPLED for name in [*table][::every]}
@@ -83,7 +89,7 @@ def test_the_proof_succeeds(every: int) -> None:
     goals = [] if every == 1 else [f"--goal={name}" for name in expected]
     command = [sys.executable, "-m", "controller", "prove", "--json", *goals]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=280)
-    assert done.stderr == ""
+    assert [line for line in done.stderr.splitlines() if not PROGRESS.fullmatch(line)] == []
     report = json.loads(done.stdout)
     assert len(report["rows"]) == len(expected)
     assert {row["name"]: row["result"] for row in report["rows"]} == expected
@@ -155,6 +161,9 @@ def test_a_trace_that_cannot_be_replayed_is_reported_in_one_line(
             "unknown interlock rule 'left: no such rule'; known: left: not with",
         ),
         (["prove", "--traces", "pyproject.toml/traces"], "--traces pyproject.toml/traces: Not a directory; choose"),
+        (["prove", "--report", "no_folder/report"], "--report no_folder/report: No such file or directory; choose"),
+        (["prove", "--report", "tests"], "--report tests: Is a directory; choose a writable folder"),
+        (["prove", "--report", "pyproject.toml", "--goal", "no goal"], "unknown goal 'no goal'"),
         (["replay", "no_such_trace.json"], "no_such_trace.json'; specify a trace written by 'prove --traces'"),
         (["replay", "tests"], "specify a trace written by 'prove --traces'"),
     ],
@@ -177,9 +186,35 @@ def test_an_invalid_trace_folder_is_reported_before_the_proof(tmp_path: Path) ->
         raise AssertionError("a proof has begun")
 
     with pytest.raises(FileExistsError):
-        prove_command(
-            specification_of(Out(y(0))), clock=never, goals=None, short=True, as_json=False, traces=tmp_path / "traces"
-        )
+        prove_command(specification_of(Out(y(0))), clock=never, goals=None, short=True, traces=tmp_path / "traces")
+
+
+def test_the_summary_is_printed_and_everything_is_in_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Standard error has the progress: each part of the proof when it begins."""
+    limit = Limit("the limit", "X0 is believed", "a second switch", y(0) & x(0))
+    bench = specification_of(Out(y(0), when=x(0) & ~x(1)), never=y(0) & x(1))
+    bench = replace(bench, assumptions=("the motor stops at once",), limits=(limit,))
+    file = tmp_path / "report"
+    ticks = iter(range(1_000))
+    summary, good = prove_command(bench, clock=lambda: next(ticks), goals=None, report_file=file)
+    assert good
+    head, _, tail = summary.partition("\n")
+    assert re.fullmatch(r"bench: proved: 3 goals, \d+\.0 s", head)
+    assert tail.startswith("assumption 1: the motor stops at once\nrequirement ")
+    assert "\n\nthe limit: not provable, as listed\n  reason: X0 is believed\n  remedy: a second switch\n  in " in tail
+    complete = file.read_text(encoding="utf-8")
+    assert "\nthe limit  " in complete
+    assert "is violated by" in complete
+    assert "is violated by" not in summary
+    progress = capsys.readouterr().err.splitlines()
+    assert [line for line in progress if not PROGRESS.fullmatch(line)] == []
+    assert [line.partition(": ")[2] for line in progress] == [
+        "step or way out 1 of 1",
+        "requirements and invariants: 1 together",
+        "limit 1 of 1",
+    ]
 
 
 # ---- monitors ---------------------------------------------------------------------------------------------------

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from controller.core.expr import Expr
+from controller.core.expr import Expr, all_of, any_of
 from controller.core.rungs import Out
 from controller.core.specification import Limit
 from controller.program.tags import SIDES
+from controller.verify.induction import CAUSE_LINES
 from controller.verify.report import Report, Result, prove
 from tests.controller.core.core_rig import x, y
 from tests.controller.verify.proof_rig import SOUND, seconds
@@ -30,6 +31,20 @@ def test_a_listed_limit_has_a_scan_that_shows_it() -> None:
     assert (row.name, row.result, report.good) == ("the limit", Result.LISTED, True)
     assert any("Y0 on" in line for line in row.lines)
     assert "remedy: a second switch" in report.text()
+
+
+@pytest.mark.parametrize("inputs", [2, 20])
+def test_the_cause_of_a_limit_has_few_lines(inputs: int) -> None:
+    """It lists what is on, and counts what is off."""
+    on, off = all_of(*(x(n) for n in range(inputs))), ~any_of(*(x(n) for n in range(30, 30 + inputs)))
+    sound = specification_of(Out(y(0), when=on & off), never=y(0) & x(30))
+    row = report_of(replace(sound, limits=(Limit("the limit", "believed", "a switch", y(0)),))).rows[-1]
+    assert row.cause[:2] == ("reason: believed", "remedy: a switch")
+    assert row.cause[2] == "in the first scan at the first power-up, sufficient:"
+    listed = min(inputs, CAUSE_LINES - 4)
+    more = [f"  and {inputs - listed} other values"] if inputs > listed else []
+    assert row.cause[3 + listed :] == (*more, f"  and {inputs} devices that are off or 0", "  then: Y0 on")
+    assert len(row.cause) <= 2 + CAUSE_LINES
 
 
 def test_a_limit_that_is_proved_must_leave_the_list() -> None:

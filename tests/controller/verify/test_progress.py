@@ -172,6 +172,19 @@ def test_report_is_a_table_followed_by_details() -> None:
     assert "reason: it would hurt" in details[0]
 
 
+def test_the_summary_has_the_verdict_a_line_for_each_group_and_what_is_not_proved() -> None:
+    table, *details = report_of(reported()).summary().split("\n\n")
+    assert [" ".join(line.split()) for line in table.splitlines()] == [
+        "bench: not proved: 2 of 5 goals, 0.0 s",
+        "invariant 1 proved",
+        "requirement 1 violated",
+        "consistent 1 possible",
+        "step can be left 1 possible",
+        "step can be left 1 impossible",
+    ]
+    assert [text.splitlines()[0] for text in details] == [f"{GOAL}: violated", "S21 chain: 1: impossible"]
+
+
 def test_the_report_as_json_has_the_same_rows() -> None:
     """The JSON form of a report contains the rows and results of the report, and its traces."""
     report = report_of(reported())

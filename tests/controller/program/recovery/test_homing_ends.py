@@ -58,7 +58,7 @@ def test_the_bound_is_the_sum_of_the_time_limits() -> None:
 
 def test_prove_prints_the_bound(capsys: pytest.CaptureFixture[str]) -> None:
     """`prove` reports T; the invariants on which it depends are proved with it."""
-    assert main(["prove", "--goal", "homing ends within T"]) == 0
+    assert main(["prove", "--verbose", "--goal", "homing ends within T"]) == 0
     report = capsys.readouterr().out
     assert "T = 48.0 s (arm 32.0 s, tray feeder 15.7 s)" in report
     assert "left homing: waits only for an answer" in report
