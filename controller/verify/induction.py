@@ -64,6 +64,11 @@ class Failure:
     causes: tuple[Cell, ...]
     input_causes: tuple[Cell, ...]
 
+    @property
+    def results(self) -> list[Cell]:
+        """Cells in the condition of the goal whose values after the scan differ from the default."""
+        return [cell for cell in leaves_of(self.goal.holds) if self.after[cell] != cell.default]
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -198,7 +203,7 @@ def describe_failure(model: Model, failure: Failure) -> list[str]:
         ("cause, before the scan", failure.causes, failure.start),
         ("cause, external inputs", failure.input_causes, failure.start),
         ("other values before the scan", others, failure.before),
-        ("after the scan", [c for c in leaves_of(failure.goal.holds) if failure.after[c] != c.default], failure.after),
+        ("after the scan", failure.results, failure.after),
     ):
         if cells:
             lines.append(f"  {title}: {', '.join(model.names.describe(cell, memory[cell]) for cell in cells)}")
@@ -213,15 +218,14 @@ def cause_of(model: Model, failure: Failure) -> list[str]:
     causes = [*failure.causes, *failure.input_causes]
     listed = [cell for cell in causes if failure.start[cell] != cell.default]
     shown = listed[: CAUSE_LINES - 4]
-    after = [cell for cell in leaves_of(failure.goal.holds) if failure.after[cell] != cell.default]
     lines = [f"in {failure.moment}, sufficient:"]
     lines += [f"  {model.names.describe(cell, failure.start[cell])}" for cell in shown]
     if len(listed) > len(shown):
         lines.append(f"  and {len(listed) - len(shown)} other values")
     if len(causes) > len(listed):
         lines.append(f"  and {len(causes) - len(listed)} devices that are off or 0")
-    if after:
-        lines.append(f"  then: {', '.join(model.names.describe(cell, failure.after[cell]) for cell in after)}")
+    if results := failure.results:
+        lines.append(f"  then: {', '.join(model.names.describe(cell, failure.after[cell]) for cell in results)}")
     return lines
 
 

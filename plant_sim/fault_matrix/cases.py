@@ -114,15 +114,18 @@ def _subjects_of(plant: Plant, kind: str, only: str, factors: Sequence[float]) -
     for target in _strikable(plant, kind):
         if target == only or not (only or target in plant.terminals.optional):
             by_part.setdefault(_row_of(kind, target), []).append(target)
-    sizes = _scaled(kind, factors) if factors else SIZES.get(kind, (None,))
+    sizes = _sizes(kind, factors)
     return [Subject(kind, part, size, tuple(targets)) for part, targets in by_part.items() for size in sizes]
 
 
-def _scaled(kind: str, factors: Sequence[float]) -> list[float]:
-    """Return the sizes of a kind, multiplied by factors and in ascending order."""
-    limits, sizes = FAULTS[kind].size, SIZES.get(kind, ())
+def _sizes(kind: str, factors: Sequence[float]) -> Sequence[float | None]:
+    """Return the sizes of a kind; with factors, other sizes within its range in ascending order."""
+    limits = FAULTS[kind].size
+    if limits is None:
+        return () if factors else (None,)
+    sizes = SIZES[kind]
     scaled = {float(f"{size * factor:.6g}") for size in sizes for factor in factors} - {*sizes}
-    return sorted(size for size in scaled if limits is not None and limits.low <= size <= limits.high)
+    return sorted(size for size in scaled if limits.low <= size <= limits.high) if factors else sizes
 
 
 def _row_of(kind: str, target: str) -> str:

@@ -119,19 +119,19 @@ INCOMPLETE: Final[dict[str, tuple[list[Edit], tuple[str, ...]]]] = {
     ),
     "relay that is in use": (
         [(TAGS, '"M", 1056, "batch', '"M", 1024, "batch')],
-        ("M1024 batch complete: already used by 'left.loaded'; next free number: M",),
+        ("M1024 batch complete: already used by 'left.loaded'; next free number: M1038",),
     ),
     "timer that is in use": (
         [(TAGS, "self.t_jam = Timer(104", "self.t_jam = Timer(103")],
-        ("T103 tray.jam: already used by 'tray.no tray'; next free number: T",),
+        ("T103 tray.jam: already used by 'tray.no tray'; next free number: T26",),
     ),
     "alarm number that is in use": (
         [(ALARMS, '"cups_slow", number=996', '"cups_slow", number=972')],
-        ("S972 alarm: cups_slow: already used by 'alarm: outputs_taken'; next free number: S",),
+        ("S972 alarm: cups_slow: already used by 'alarm: outputs_taken'; next free number: S976",),
     ),
     "states of two sequences": (
         [(TAGS, "self.first_step = 180", "self.first_step = 100")],
-        ("already used by 'right arm: ", "next free number: S"),
+        ("already used by 'right arm: ", "next free number: S39"),
     ),
 }
 

@@ -129,24 +129,23 @@ def test_both_implementations_agree_with_any_fault(
 
 
 def test_both_implementations_agree_on_decoupling_and_recoupling() -> None:
-    """A carriage blocked at 0.5 m decouples at 0.8 MPa; it recouples only if the piston passes it slowly."""
+    """A carriage blocked at 0.3 m decouples at 0.8 MPa; it recouples only if the piston passes it slowly."""
     rig = machine_bench(
         {"supply.pressure_pa": 0.8e6, "supply.compressor_on_pa": 0.9e6, "supply.compressor_off_pa": 1e6}, step_s=0.001
     )
-    put(rig, SLIDE, 0.5, ATMOSPHERE_PA, ATMOSPHERE_PA)
+    put(rig, SLIDE, 0.3, ATMOSPHERE_PA, ATMOSPHERE_PA)
     rig.all_params[SLIDE]["recouples_m_s"] = 0.10
     rig.all_params[SLIDE]["blocked"] = 1
     twin = Twin(rig)
-    twin.run(1500, (True, False) * 3)
+    twin.run(2000, (True, False) * 3)
     assert twin.cylinders[SLIDE].decoupled
     rig.all_params[SLIDE]["blocked"] = 0
-    twin.run(1500, (False, True) * 3, every=20)
+    twin.run(4500, (False, True) * 3, every=20)
     assert twin.cylinders[SLIDE].decoupled
-    assert twin.cylinders[SLIDE].piston_m < 0.45
-    twin.run(1500, (True, False) * 3, every=20)
-    assert twin.cylinders[SLIDE].piston_m > 0.55
+    assert twin.cylinders[SLIDE].piston_m < 0.0
+    twin.run(4500, (True, False) * 3, every=20)
     rig.all_params[SLIDE]["plus"]["throttle_m3_s_pa"] = 0.4e-9
-    twin.run(2500, (False, True) * 3)
+    twin.run(5000, (False, True) * 3)
     assert not twin.cylinders[SLIDE].decoupled
 
 
