@@ -20,7 +20,7 @@ from controller.io.forcing import Forcing
 from controller.io.link import FieldLink, OutputsTakenError
 from controller.io.ownership import OutputGuard, OutputOwnership
 from controller.io.panel_watch import PanelWatch
-from controller.io.retentive_writer import RetentiveWriter
+from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter
 from controller.program.machine import Transplanter
 from controller.program.set_points import SetPointError
 from controller.program.states import State
@@ -196,7 +196,8 @@ class Runtime(Saved):
     def is_steady(self) -> bool:
         """True if the next scan only reads the inputs, executes the program and writes the outputs.
 
-        There is no fault, no held output, no forced input, no order, no output register, and no operator panel.
+        There is no fault, no held output, no forced input, no order, no output register, and no operator panel, and
+        retentive values are stored at once.
         """
         return (
             self.field.is_open
@@ -206,6 +207,7 @@ class Runtime(Saved):
             and not self.released_words
             and self._held_since_ms is None
             and self.ownership.guard is None
+            and isinstance(self._retentive_writer, DirectRetentiveWriter)
             and self._retentive_writer.error is None
         )
 

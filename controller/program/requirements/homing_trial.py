@@ -10,6 +10,7 @@ from controller.core.expr import Bit, Word
 from controller.core.machine_code import MachineExecution
 from controller.core.program import Program
 from controller.core.scan import Plc
+from controller.program.inputs import Inputs
 from controller.program.machine import Transplanter
 from controller.program.places import REST_MS
 from controller.program.requirements.travel_model import TRAY_MS, TravelModel
@@ -82,7 +83,8 @@ class HomingTrial:
             scan_ms: Scan time, ms.
             limit_ms: Time after which a homing is abandoned, ms.
         """
-        self.machine, self.model = machine, TravelModel(machine.io_map)
+        self.machine = machine
+        self.model = TravelModel(machine.io_map, active_at_rest=_needed_inputs(machine))
         self._scan_ms, self._limit_ms = scan_ms, limit_ms
         program: Program = replace(machine.program, blocks=(*machine.program.blocks, self.model.block))
         self._execution = MachineExecution(program)
@@ -184,3 +186,10 @@ class HomingTrial:
         self._sense()
         self._execution.run(self._now_ms, first=False)
         self._now_ms += self._scan_ms
+
+
+def _needed_inputs(machine: Transplanter) -> frozenset[int]:
+    """Return the X numbers of the inputs whose inactive state is the cause of an alarm, such as air pressure."""
+    inputs = Inputs(machine.io_map)
+    causes = {alarm.cause for alarm in machine.alarms}
+    return frozenset(point.number for point in machine.io_map.inputs if inputs.optional_off(point.tag) in causes)

@@ -7,7 +7,7 @@ collisions are not modelled.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -68,7 +68,13 @@ class TravelModel:
         block: Rungs of the model; they follow the outputs in the scan.
     """
 
-    def __init__(self, io_map: IoMap) -> None:
+    def __init__(self, io_map: IoMap, *, active_at_rest: Collection[int] = ()) -> None:
+        """Declare the devices and rungs of the model.
+
+        Args:
+            io_map: I/O map of the machine.
+            active_at_rest: X numbers of the inputs without a device in the model that are active; the others are not.
+        """
         d, count = Area("D", 7_900, 7_999, "travel model"), io_map.input_count
         m = Area("M", 2_500, 2_500 + 3 * count - 1, "travel model")
         self.levels = [m.bit(f"level of X{number:o}", "level of the terminal") for number in range(count)]
@@ -78,7 +84,7 @@ class TravelModel:
         self.tray_sensor = io_map["tray_front_edge"].number
         self.tray = d.word("tray", "way of the tray")
         self.devices = {side: _devices(io_map, d, side) for side in SIDES}
-        self.block = Block("travel model", tuple(self._rungs(io_map)))
+        self.block = Block("travel model", tuple(self._rungs(io_map, active_at_rest)))
 
     @property
     def inputs(self) -> frozenset[Bit | Word]:
@@ -86,7 +92,7 @@ class TravelModel:
         positions = (device.position for table in self.devices.values() for device in table.values())
         return frozenset((*positions, self.tray, *self.stuck_on, *self.stuck_off))
 
-    def _rungs(self, io_map: IoMap) -> Iterator[Rung]:
+    def _rungs(self, io_map: IoMap, active_at_rest: Collection[int]) -> Iterator[Rung]:
         run = driven(io_map["tray_run"])
         yield Add(self.tray, self.scan_ms, self.tray, when=run)
         yield Rst(self.tray, when=self.tray >= TRAY_AND_GAP_MS)
@@ -100,7 +106,7 @@ class TravelModel:
                 sensed[device.inputs[place]] = far if at == 0 else near if at == device.end else near & far
         for point in io_map.inputs:
             number = point.number
-            at_rest = TRUE if point.tag == "air_pressure_ok" else FALSE
+            at_rest = TRUE if number in active_at_rest else FALSE
             active = (sensed.get(number, at_rest) | self.stuck_on[number]) & ~self.stuck_off[number]
             yield Out(self.levels[number], when=~active if point.inverted else active)
 

@@ -21,6 +21,11 @@ from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
 
 LIMIT_S = 60.0
+IO_MAP = load_io_map(DEFAULT_IO_MAP)
+INPUTS = IO_MAP.input_count
+_OFFSETS = [point.offset for point in IO_MAP.inputs]
+HAS_ONE_READ = max(_OFFSETS) - min(_OFFSETS) < len(_OFFSETS)
+"""True if the offsets of the inputs are consecutive, so that one request reads them all."""
 PATIENT = ["--timeout-ms", "5000", "--link-limit-ms", "10000"]
 
 
@@ -168,6 +173,9 @@ def test_the_proxy_captures_the_traffic_of_both_directions(tmp_path: Path, capsy
     for kind in "XY":
         expected = [entry.image for entry in direct.entries if entry.kind == kind]
         found = [entry.image for entry in by_proxy.entries if entry.kind == kind]
+        if kind == "X" and not HAS_ONE_READ:  # the proxy also has the images between the reads of one scan
+            images = iter(found)
+            found = [image for image in expected if image in images]
         assert found == expected
     assert main(["capture", "replay", str(path)]) == 2
     assert "a capture of a proxy does not contain the scans" in capsys.readouterr().err
@@ -195,12 +203,11 @@ def test_the_proxy_reports_a_field_that_it_cannot_reach_once(
 
 def test_the_proxy_decodes_nothing_after_an_invalid_header(tmp_path: Path) -> None:
     """A frame that follows the invalid header in the data of the next packet is forwarded only."""
-    io_map = load_io_map(DEFAULT_IO_MAP)
     header = CaptureHeader("test", PROXY, "0", 22, 18, 0, 0, "2026-11-23T19:00:00Z")
     path = tmp_path / "proxy.capture"
     frame = bytes.fromhex("0001 0000 0006 01 05 0000 ff00")
     with CaptureWriter(path, header) as writer:
-        connection = _Connection(Decoder(io_map, writer, MonotonicClock()))
+        connection = _Connection(Decoder(IO_MAP, writer, MonotonicClock()))
         connection.feed("request", b"\xff" * 12)
         connection.feed("request", frame)
         connection.feed("answer", frame)
@@ -247,8 +254,8 @@ INVALID: list[tuple[Callable[[list[str]], object], str]] = [
     (replace_header("memory", '{"D9999": 1}'), "10: D9999: "),
     (lambda lines: lines.pop(10), "11: file: '---' is missing after the header; capture again"),
     (replace_entry("hello"), "13: file: 'hello' is not a line of a capture; see docs/commissioning.md, or capture"),
-    (replace_entry("0 X 7fffffffff"), "13: X: '7fffffffff' is not an image of 22 bits; capture again"),
-    (replace_entry("0 X zz"), "13: X: 'zz' is not an image of 22 bits; capture again"),
+    (replace_entry("0 X 7fffffffff"), f"13: X: '7fffffffff' is not an image of {INPUTS} bits; capture again"),
+    (replace_entry("0 X zz"), f"13: X: 'zz' is not an image of {INPUTS} bits; capture again"),
     (replace_entry("0 Y"), "13: Y: takes 1 values; capture again"),
     (replace_entry("0 W M1"), "13: W: takes 2 values; capture again"),
     (replace_entry("0 W Q1 1"), "13: Q1: 'Q1' is not a device; capture again"),

@@ -11,6 +11,8 @@ from typing import Final
 
 import pytest
 
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import build
 from tests.paths import ROOT
 from tests.real_time import COMMAND_S
 from tests.sampling import one_in
@@ -20,6 +22,8 @@ ARM, ALARMS, TAGS, RULES = (f"{PROGRAM}{name}.py" for name in ("arm", "alarms", 
 COMMANDS, REFUSALS = (f"{PROGRAM}operator/{name}.py" for name in ("commands", "refusals"))
 STATES, SET_POINTS, SCHEMA = f"{PROGRAM}states.py", f"{PROGRAM}set_points.py", "controller/iomap/schema.py"
 TEXTS: Final = "controller/program/texts/"
+_ALARMS: Final = {alarm.bit.number for alarm in build(load_io_map(DEFAULT_IO_MAP)).alarms}
+FREE_ALARM: Final = next(number for number in range(972, 1000) if number not in _ALARMS)
 
 LIMIT: Final = (ARM, 'limit("approach row", SLIDE', 'limit("clamp tray", SLIDE')
 NEW_COMMAND: Final = (
@@ -127,7 +131,7 @@ INCOMPLETE: Final[dict[str, tuple[list[Edit], tuple[str, ...]]]] = {
     ),
     "alarm number that is in use": (
         [(ALARMS, '"cups_slow", number=996', '"cups_slow", number=972')],
-        ("S972 alarm: cups_slow: already used by 'alarm: outputs_taken'; next free number: S976",),
+        (f"S972 alarm: cups_slow: already used by 'alarm: outputs_taken'; next free number: S{FREE_ALARM}",),
     ),
     "states of two sequences": (
         [(TAGS, "self.first_step = 180", "self.first_step = 100")],

@@ -18,6 +18,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
 from controller.program.texts.operator import Language
+from tests.controller.common.modbus_rig import make_module
 from tests.controller.io.field.modules import Box
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
@@ -26,12 +27,19 @@ OUTPUT_TAGS = [point.tag for point in IO_MAP.outputs]
 SCAN_MS = 10
 PATIENT_MS = 5_000
 """Timeout for expected responses, ms; long enough for a slow computer."""
-AT_REST = ("stop", "emergency_stop", "left.lift_down", "right.lift_down", "left.slide_at_feed", "right.slide_at_feed")
+_LEVELS = make_module().inputs()
+AT_REST = [point.tag for point in IO_MAP.inputs if _LEVELS[point.number]]
+"""Inputs that are on at a machine at rest."""
 
 
 def wires(tags: list[str], first: int = 0) -> str:
     """Return the wires of a device, at consecutive offsets."""
     return "{" + ", ".join(f"{tag}: {first + n}" for n, tag in enumerate(tags)) + "}"
+
+
+def own_wires(tags: list[str]) -> str:
+    """Return the wires of a device, at the offsets of the I/O map."""
+    return "{" + ", ".join(f"{tag}: {IO_MAP[tag].offset}" for tag in tags) + "}"
 
 
 def device(name: str, profile: str, way: str, tags: str, *more: str, timeout_ms: int = PATIENT_MS) -> str:

@@ -161,7 +161,7 @@ def test_an_invalid_file_is_one_line_with_line_key_and_remedy(
     ("offset", "expected"),
     [
         (4, "input_register 0, bit 4 is already used on line 6; choose a free one"),
-        (21, "is in a register that is already used on line 6; choose another register"),
+        (len(INPUT_TAGS) - 1, "is in a register that is already used on line 6; choose another register"),
     ],
 )
 def test_two_entries_of_one_module_share_no_register(offset: int, expected: str, tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from tests.controller.io.field.field_rig import (
     at_rest,
     device,
     file_of,
+    own_wires,
     tcp,
     until_back_ms,
     wires,
@@ -235,7 +236,7 @@ def test_a_device_that_lends_its_outputs_to_another_master_makes_the_others_safe
     plant = stack.enter_context(Rig())
     box = Box()
     module = stack.enter_context(TcpModule(box))
-    first = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS[:HALF])[1:]
+    first = own_wires([*INPUT_TAGS, *OUTPUT_TAGS[:HALF]])
     path = file_of(
         tmp_path,
         device("plant", "coils", tcp(plant.server.port), first),
@@ -269,7 +270,7 @@ def test_a_register_is_made_safe_although_the_outputs_of_another_device_cannot_b
 ) -> None:
     plant, drive = stack.enter_context(Rig()), Drive()
     module = stack.enter_context(TcpModule(drive))
-    tags = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS)[1:]
+    tags = own_wires([*INPUT_TAGS, *OUTPUT_TAGS])
     path = file_of(
         tmp_path,
         device("plant", "coils", tcp(plant.server.port), tags),

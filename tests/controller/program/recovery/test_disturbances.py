@@ -149,18 +149,22 @@ def test_a_flicker_of_the_lower_limit_while_clamping_marks_no_row_as_taken(flick
 
 
 class SlowStore:
-    """Store that takes a given time to save data."""
+    """Store that takes a given time to save data; it saves the newest values, one write after another."""
 
     error = None
 
     def __init__(self, twin: Twin, takes_ms: int) -> None:
-        self._twin, self._takes_ms, self._done_ms = twin, takes_ms, 0
+        self._twin, self._takes_ms = twin, takes_ms
+        self._begins_ms, self._done_ms = -1, 0
         self.first_ms: int | None = None
 
     def submit(self, values: Mapping[str, int]) -> None:
-        self._done_ms = self._twin.now_ms + self._takes_ms
+        now_ms = self._twin.now_ms
+        if now_ms > self._begins_ms:  # otherwise, these values replace those of a write that has not started
+            self._begins_ms = max(now_ms, self._done_ms)
+            self._done_ms = self._begins_ms + self._takes_ms
         if self.first_ms is None:
-            self.first_ms = self._twin.now_ms
+            self.first_ms = now_ms
 
     @property
     def settled(self) -> bool:
@@ -170,7 +174,7 @@ class SlowStore:
         """Do nothing."""
 
 
-@pytest.mark.parametrize(("step", "takes_ms"), [("close claws", 230), ("release delay", 400)])
+@pytest.mark.parametrize(("step", "takes_ms"), [("close claws", 230), ("release delay", 280)])
 def test_a_slow_store_causes_no_claw_stroke_to_be_skipped(step: str, takes_ms: int) -> None:
     """If the store is slower than a claw stroke, coils are delayed, but every seedling is transplanted."""
     twin = at_work({"trays_target": 1})
@@ -182,6 +186,17 @@ def test_a_slow_store_causes_no_claw_stroke_to_be_skipped(step: str, takes_ms: i
     counts = twin.plant.counts()
     assert (counts.P, counts.D, counts.in_tray, counts.in_claw) == (undisturbed().P, undisturbed().D, 0, 0)
     assert twin.alarms() == []
+
+
+def test_a_store_too_slow_for_successive_changes_is_a_store_fault() -> None:
+    """The outputs wait for all changes; with 300 ms a write they wait for more than 1 s. No seedling is dropped."""
+    twin = at_work({"trays_target": 1})
+    until_picking(twin, "left", 1)
+    twin.runtime._retentive_writer = SlowStore(twin, 300)
+    twin.run_until_state(State.ABORTED, within_ms=150_000)
+    assert twin.alarms() == ["store_fault"]
+    assert not twin.outputs()
+    assert twin.plant.counts().D == 0
 
 
 def test_a_store_that_hangs_is_a_store_fault() -> None:

@@ -93,9 +93,9 @@ FAULTS = {
     "ok bit within the inputs": (
         VALID,
         "first: 200",
-        "first: 200\n  ok_bit: 21",
+        f"first: 200\n  ok_bit: {IO_MAP.input_count - 1}",
         13,
-        "inputs.ok_bit: must be an integer, 22",
+        f"inputs.ok_bit: must be an integer, {IO_MAP.input_count}",
     ),
     "function 23 on coils": (VALID, "port: 502", "port: 502\nfunction_23: true", 4, "function_23: transfers holding"),
     "function 23 as text": (
