@@ -68,7 +68,7 @@ class TravelModel:
         block: Rungs of the model; they follow the outputs in the scan.
     """
 
-    def __init__(self, io_map: IoMap, *, active_at_rest: Collection[int] = ()) -> None:
+    def __init__(self, io_map: IoMap, *, active_at_rest: Collection[int]) -> None:
         """Declare the devices and rungs of the model.
 
         Args:

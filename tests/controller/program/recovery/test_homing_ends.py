@@ -12,9 +12,10 @@ from controller.core.expr import FALSE, Bit, Expr, Word, any_of, leaves
 from controller.core.program import Block
 from controller.core.rungs import OnDelay, Out, Rst, Rung
 from controller.core.sequence import Sequence, Step, To
+from controller.iomap.loader import Polarity
 from controller.program.alarms import ARM_ALARM_NUMBERS
 from controller.program.interlocks import BELT, LIFT, SLIDE
-from controller.program.machine import Transplanter
+from controller.program.machine import Transplanter, build
 from controller.program.places import REST_MS
 from controller.program.requirements.homing import describe, explore, explore_stuck_switches
 from controller.program.requirements.homing_starts import arm_starts
@@ -26,6 +27,7 @@ from controller.program.tags import SIDES, Side
 from tests.controller.verify.proof_rig import MACHINE
 from tests.paths import DOCS
 from tests.sampling import first_of
+from tests.wiring import wired
 
 TAGS = MACHINE.tags
 SAMPLE = 40
@@ -177,6 +179,18 @@ def test_the_starts_cover_every_place_and_every_memory() -> None:
     assert len({start.claws for start in starts}) == 14
     assert len({start.rows for start in starts}) == 4**3
     assert len({start.last for start in starts if start.last}) == 3 * 5 * 3
+
+
+@pytest.mark.parametrize("polarity", [Polarity.NORMALLY_OPEN, Polarity.NORMALLY_CLOSED])
+def test_an_input_whose_absence_raises_an_alarm_is_on_at_rest(polarity: Polarity) -> None:
+    """The air pressure is needed, whatever its polarity; an empty magazine is not."""
+    io_map = wired("air_pressure_ok", "magazine_empty")
+    points = (replace(each, polarity=polarity) if each.optional else each for each in io_map.inputs)
+    trial = HomingTrial(build(replace(io_map, inputs=tuple(points))), limit_ms=60_000)
+    known: dict[Bit | Word, int] = {arm.claws_known: 1 for arm in trial.machine.tags.arms.values()}
+    trial.begin(HomingStart(known))
+    ending = trial.home()
+    assert (ending.explained, ending.alarms) == (True, ())
 
 
 def alarm_key(ending: Ending, side: Side) -> str:
