@@ -6,8 +6,9 @@ compared with it.
 
 from __future__ import annotations
 
+import ctypes
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, NamedTuple
 
 import z3
@@ -135,16 +136,27 @@ def condition(expr: Expr, memory: Mapping[Cell, z3.ExprRef]) -> z3.BoolRef:
         case Bit():
             return memory[cell_of(expr)]
         case Not(operand):
-            return z3.Not(condition(operand, memory))
+            term = condition(operand, memory)
+            return z3.BoolRef(z3.Z3_mk_not(term.ctx_ref(), term.ast), term.ctx)
         case And(operands):
-            return z3.And([condition(o, memory) for o in operands])
+            return _joined(z3.Z3_mk_and, [condition(o, memory) for o in operands])
         case Or(operands):
-            return z3.Or([condition(o, memory) for o in operands])
+            return _joined(z3.Z3_mk_or, [condition(o, memory) for o in operands])
         case Const(value):
             return z3.BoolVal(value)
         case Compare(relation, left, right):
             return compare(relation, memory[cell_of(left)], operand_of(right, memory))
     raise TypeError(f"not a condition: {expr!r}")
+
+
+def _joined(join: Callable[[z3.ContextObj, int, ctypes.Array[z3.Ast]], z3.Ast], terms: list[z3.BoolRef]) -> z3.BoolRef:
+    """Return the conjunction or disjunction of formulas of the default context.
+
+    `z3.And` and `z3.Or` also convert each operand and compare its sort, which takes most of the time of their calls.
+    """
+    context = z3.main_ctx()
+    operands = (z3.Ast * len(terms))(*[term.ast for term in terms])
+    return z3.BoolRef(join(context.ref(), len(terms), operands), context)
 
 
 def operand_of(operand: Word | int, memory: Mapping[Cell, z3.ExprRef]) -> z3.BitVecRef | int:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.paths import ROOT
+from tests.sampling import first_of
 from tests.suite import leaves
 from tests.suite.budgets import BUDGETS, OTHERS_LIMIT, Usage, budgets, folder_of, reference_loop_s
 
@@ -64,7 +65,7 @@ def test_in_a_child():
 """
 
 
-@pytest.mark.parametrize("workers", ["0", "1"])
+@pytest.mark.parametrize("workers", first_of(["1", "0"]))
 def test_a_run_prints_the_processor_time_of_tests_and_their_processes(workers: str, tmp_path: Path) -> None:
     times = tmp_path / "times"
     (tmp_path / "test_burning.py").write_text(BURNING, encoding="utf-8")

@@ -84,6 +84,7 @@ SLOW: Final = {
     '--stop "link lost"',
     ".venv/bin/python -m plant_sim faults --stored-air --trays 1 --out stored-air",
     ".venv/bin/python -m plant_sim line pepper --metres 100 --out my-row",
+    ".venv/bin/python -m plant_sim plot var/trial.parquet",
     ".venv/bin/python -m plant_sim planter --figure 9 --plot var/planter.gif",
     ".venv/bin/python -m plant_sim serve --watchdog-ms 500",
     ".venv/bin/python -m plant_sim study campaign docs/examples/campaign.yaml --trials 1 --seedlings 12 "

@@ -182,6 +182,7 @@ def test_the_citation_has_the_version_and_both_papers() -> None:
     assert citation.count("type: article") == 2
 
 
+@pytest.mark.nightly
 def test_the_installed_wheel_runs_outside_the_tree_and_is_uninstalled_completely(environment: Environment) -> None:
     site = environment.site_packages
     top = {path.name for path in site.iterdir()}

@@ -173,6 +173,7 @@ def test_invalid_input_is_reported_in_one_line(
     assert program.read_text(encoding="utf-8") == SEAL_IN
 
 
+@pytest.mark.nightly
 def test_the_exported_program_transplants_144_seedlings(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

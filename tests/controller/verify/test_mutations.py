@@ -63,7 +63,7 @@ REDUNDANT: dict[tuple[str, ...], str] = {
     **{(name,): "the other rule of the pair remains" for names in PAIRS for name in names},
 }
 """Arm rules and pairs of rules that can be removed without violating any requirement, each with the reason."""
-SELECTED_RULES = ("lift clear", "belt at rest")
+SELECTED_RULES = ("lift clear", "centre is free", "down at feed only")
 
 
 def assert_violated_without(rules: tuple[str, ...], requirements: tuple[str, ...]) -> None:
@@ -89,10 +89,11 @@ def test_every_rule_upholds_a_requirement_or_is_listed_as_redundant() -> None:
     assert {*UPHELD_BY_TRAY_RULES, "motion allowed"} == {rule.name for rule in MACHINE.tray_rules}
 
 
-@pytest.mark.parametrize("rule", first_of(SELECTED_RULES))
-def test_removed_rule_violates_its_requirement(rule: str) -> None:
-    """If a rule of the left arm is removed, its requirements are violated, and the traces can be replayed."""
-    assert_violated_without((f"left: {rule}",), tuple(f"left: {name}" for name in UPHELD_BY_RULES[rule,]))
+@pytest.mark.parametrize("rule", SELECTED_RULES)
+def test_without_a_rule_a_scan_can_violate_its_requirements(rule: str) -> None:
+    """If a rule of the left arm is removed, a scan from a state without violations can violate its requirements."""
+    for name in UPHELD_BY_RULES[rule,]:
+        assert is_breakable(without(f"left: {rule}"), f"left: {name}"), name
 
 
 @pytest.mark.nightly

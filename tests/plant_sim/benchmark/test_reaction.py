@@ -16,6 +16,7 @@ from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.process import LiveError
+from tests.sampling import first_of
 
 
 @pytest.fixture
@@ -55,7 +56,7 @@ def test_the_timer_counts_edges_without_an_echo(io_map: IoMap) -> None:
     assert timer.missed > 10
 
 
-@pytest.mark.parametrize("baud", [None, 115_200], ids=["tcp", "rtu"])
+@pytest.mark.parametrize("baud", first_of([115_200, None]))
 def test_real_processes_answer_the_edges(baud: int | None) -> None:
     """The reaction is bounded loosely; `scripts/bench` states the figures of an idle computer."""
     found = measure_reaction(1, scan_ms=50, seconds=3.0, baud=baud)

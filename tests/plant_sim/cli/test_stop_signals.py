@@ -28,7 +28,7 @@ import pytest
 from controller.common.stop_request import REPEAT_S, StopRequest, interrupts_blocked
 from tests.controller.common.modbus_rig import Client, Rig, read_pdu
 from tests.real_time import WAIT_S
-from tests.sampling import first_of
+from tests.sampling import first_of, one_in
 
 ALL_OFF_NOW = b"\x01\x03\x00\x00\x00"
 """Answer to a read of the 18 outputs with all of them off."""
@@ -146,7 +146,7 @@ WAYS = [(stdin, number) for stdin in ("terminal", "pipe") for number in NUMBERS]
 
 
 @pytest.mark.real_time
-@pytest.mark.parametrize(("stdin", "number"), first_of(WAYS, 4))
+@pytest.mark.parametrize(("stdin", "number"), one_in(3, WAYS))
 def test_a_running_controller_ends_with_safe_outputs(
     stdin: str, number: signal.Signals, stack: ExitStack, tmp_path: Path
 ) -> None:
@@ -283,7 +283,7 @@ def test_a_service_ends_at_once(
         assert [line for line in errors.splitlines() if not line.startswith(timing)] == [], moment
 
 
-@pytest.mark.parametrize(("by_hand", "expected"), first_of([(True, 0), (False, 130)], 2))
+@pytest.mark.parametrize(("by_hand", "expected"), first_of([(False, 130), (True, 0)]))
 def test_a_live_run_ends_in_order_although_it_is_stopped_repeatedly(
     by_hand: bool, expected: int, stack: ExitStack, tmp_path: Path
 ) -> None:

@@ -109,6 +109,7 @@ def test_a_cache_folder_that_cannot_be_created_is_not_an_error(tmp_path: Path) -
     run_compiled(tmp_path / "file")
 
 
+@pytest.mark.nightly
 def test_versions_unused_for_a_day_are_deleted_except_for_the_newest(tmp_path: Path) -> None:
     run_compiled(tmp_path)
     folder = tmp_path / "seedling-transplanter"

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
@@ -418,9 +418,20 @@ def test_an_interrupt_ends_quietly_and_writes_nothing(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Progress, "update", interrupt)
-    assert run("--fault", "broken_wire:start", "--jobs", jobs, "--moments", "1000", "--out", str(tmp_path)) == 130
-    assert list(tmp_path.iterdir()) == []
+    started = tmp_path / "started"
+    monkeypatch.setattr("plant_sim.cli.faults.run_case", partial(noted_case, started))
+    out = tmp_path / "out"
+    assert run("--fault", "broken_wire:start", "--jobs", jobs, "--moments", "300", "--out", str(out)) == 130
+    assert list(out.iterdir()) == []
     assert "Traceback" not in capsys.readouterr().err
+    assert 0 < started.stat().st_size < 150
+
+
+def noted_case(started: Path, fault: Fault, setting: MatrixSetup) -> Outcome:
+    """Run a case of the matrix in a worker process; append a byte to a file when it starts."""
+    with started.open("ab") as file:
+        file.write(b".")
+    return run_case(fault, setting)
 
 
 def test_the_undisturbed_trial_is_the_reference() -> None:

@@ -10,6 +10,7 @@ from controller.iomap.loader import IoMap, load_io_map
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict
 from tests.plant_sim.hil.hil_rig import Damage, default_map, failures, judge
+from tests.sampling import first_of
 
 
 def _by_group(results: list[CaseResult], group: str) -> list[CaseResult]:
@@ -63,6 +64,7 @@ def test_a_fault_stops_the_machine_and_is_recovered() -> None:
     assert 0 < fault.figures["at rest since"].value < 10
 
 
+@pytest.mark.nightly
 def test_the_operator_answers_the_question_that_the_lamp_asks(tmp_path: Path) -> None:
     results, _ = judge(["fault"], only="jammed:conveyor", io_map=_with_lamp(tmp_path))
     (fault,) = _by_group(results, "fault")
@@ -110,16 +112,19 @@ def _never_stops(bench: Bench, on: set[str]) -> set[str]:
     return {"left.slide_outward"} if is_due and not on and bench.view.at_feed("left") else on
 
 
+DAMAGES = [
+    (_keeps_moving, ["emergency stop"], "left: lift_retract, loaded", "emergency stop", "emergency stop: left."),
+    (_both_coils, ["trial"], "", "homing", "opposite outputs: left.lift_extend and left.lift_retract"),
+    (_drops, ["trial"], "", "cycle", "dropped: "),
+    (_restarts, ["emergency stop"], "left: lift_retract, loaded", "emergency stop", "unexpected start: right."),
+    (_moves_at_power_up, ["trial"], "", "power-up", "unexpected start: tray_run"),
+    (_never_stops, ["trial"], "", "stop", "rest after stop: not within 120 s"),
+]
+
+
 @pytest.mark.parametrize(
     ("damage", "groups", "only", "group", "reason"),
-    [
-        (_keeps_moving, ["emergency stop"], "left: lift_retract, loaded", "emergency stop", "emergency stop: left."),
-        (_restarts, ["emergency stop"], "left: lift_retract, loaded", "emergency stop", "unexpected start: right."),
-        (_both_coils, ["trial"], "", "homing", "opposite outputs: left.lift_extend and left.lift_retract"),
-        (_drops, ["trial"], "", "cycle", "dropped: "),
-        (_moves_at_power_up, ["trial"], "", "power-up", "unexpected start: tray_run"),
-        (_never_stops, ["trial"], "", "stop", "rest after stop: not within 120 s"),
-    ],
+    first_of(DAMAGES, 3),
     ids=lambda value: value.__name__.strip("_") if callable(value) else "",
 )
 def test_a_damaged_program_fails(damage: Damage, groups: list[str], only: str, group: str, reason: str) -> None:

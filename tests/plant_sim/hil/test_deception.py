@@ -19,6 +19,7 @@ def _bench() -> Bench:
     return Bench(DelayingModule(Plant(io_map, machine, seed=1, trays=2), io_map), machine)
 
 
+@pytest.mark.nightly
 def test_an_output_that_flickers_fails() -> None:
     """A valve that is switched in every scan has no situation that lasts long enough for an emergency stop."""
 
@@ -58,6 +59,7 @@ def test_a_controller_that_works_on_after_homing_fails() -> None:
     assert any("seedlings picked while homing" in each for each in reasons)
 
 
+@pytest.mark.nightly
 def test_a_controller_that_stops_at_once_has_no_margin() -> None:
     """A machine that loses all seedlings without dead time must not count as one that tolerates every dead time."""
     stopped_with: list[int] = []

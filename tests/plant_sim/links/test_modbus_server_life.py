@@ -212,6 +212,7 @@ def let_pass(rig: Rig, seconds: float) -> None:
 def test_only_complete_requests_keep_a_connection_alive(rig: Rig) -> None:
     """A connection that sends only parts of a frame for 61 s is closed; one with a complete request 2 s ago is not."""
     busy, halting = rig.client(), rig.client()
+    halting.ask(READ_ALL_INPUTS)  # the server has accepted the connection, so let_pass ages it
     for piece, seconds in ((slice(0, 8), 59.0), (slice(8, 11), 2.0)):
         halting.send(frame(READ_ALL_INPUTS)[piece])
         busy.ask(READ_ALL_INPUTS)

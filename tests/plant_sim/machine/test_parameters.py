@@ -10,6 +10,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.common.parameter_file import Value
 from plant_sim.machine.parameters import DEFAULT_MACHINE, MachineError, load_machine
 from plant_sim.machine.plant import Plant
+from plant_sim.machine.time_step import steps_per_ms_by_key
 
 MACHINE = load_machine()
 TEXT = DEFAULT_MACHINE.read_text(encoding="utf-8")
@@ -313,6 +314,13 @@ def test_the_cracking_pressure_adds_to_the_claw_pressure(starts_below_pa: float,
     """Claws at 0.6 MPa require at least 0.605 MPa because their check valve has a cracking pressure of 5 kPa."""
     values: dict[str, Value] = {"crop.claw_pressure_mpa": 0.6, "supply.compressor_on_pa": starts_below_pa}
     assert bool(MACHINE.with_values(values).warnings) is is_warned
+
+
+def test_a_lighter_lift_on_its_cushion_needs_shorter_steps() -> None:
+    """The number of steps is proportional to the frequency of a mass on a spring, sqrt(k / m)."""
+    light = MACHINE.with_values({"lift.carried_kg": MACHINE.lift.carried_kg / 4})
+    usual_steps, light_steps = (steps_per_ms_by_key(each)["lift.cushion_volume_m3"] for each in (MACHINE, light))
+    assert light_steps == pytest.approx(2 * usual_steps)
 
 
 def test_overlapping_switches_are_rejected() -> None:

@@ -61,7 +61,7 @@ def test_the_air_stays_physical(part: int) -> None:
         assert survey.over[0] <= 1.02, (survey.over, name)
 
 
-@SAMPLED
+@pytest.mark.parametrize("part", first_of(range(PARTS), 0, nightly=20))
 def test_the_step_does_not_change_the_time_of_a_stroke(part: int) -> None:
     """Of the machines of a part, at most two have strokes without stick-slip that differ by 5 to 11 ms.
 

@@ -94,7 +94,7 @@ def random_coils(rng: np.random.Generator) -> tuple[bool, ...]:
 
 
 @pytest.mark.parametrize(
-    ("seed", "step_s", "thermal"), first_of([(2, 0.001, 1), (3, 0.005, 0), (1, 0.001, 0), (4, 0.0002, 0)], 2)
+    ("seed", "step_s", "thermal"), first_of([(2, 0.001, 1), (3, 0.005, 0), (1, 0.001, 0), (4, 0.0002, 0)])
 )
 def test_both_implementations_agree_under_random_coils(seed: int, step_s: float, thermal: int) -> None:
     """The test runs 4000 steps in 10 segments; in about one segment in six, the relay de-energises the dump valve."""
@@ -128,6 +128,7 @@ def test_both_implementations_agree_with_any_fault(
         twin.run(10 * tens, coils, fed=fed)
 
 
+@pytest.mark.nightly
 def test_both_implementations_agree_on_decoupling_and_recoupling() -> None:
     """A carriage blocked at 0.3 m decouples at 0.8 MPa; it recouples only if the piston passes it slowly."""
     rig = machine_bench(

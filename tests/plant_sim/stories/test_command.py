@@ -15,6 +15,7 @@ from controller.verify.mutants.sample import mutants_of
 from tests.controller.verify.proof_rig import MACHINE
 
 
+@pytest.mark.nightly
 def test_a_sample_is_judged_and_its_tables_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two mutants are killed by proof; the table names the violated goals."""
     assert main(["prove", "--mutants", "2", "--seed", "1", "--out", str(tmp_path)]) == 0
@@ -33,6 +34,7 @@ def test_an_invalid_sample_is_an_error(options: list[str], capsys: pytest.Captur
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
+@pytest.mark.nightly
 def test_the_plant_names_the_story_that_kills_a_mutant() -> None:
     """The mutants are sent to the process; its answers arrive after the last one."""
     mutant = next(each for each in mutants_of(MACHINE.program) if str(each) == "modes: MOV 4 state: 10 instead of 4")

@@ -155,6 +155,7 @@ def test_every_process_is_started_with_interrupts_blocked() -> None:
     assert done.stdout == "[True, True, True, True]\n"
 
 
+@pytest.mark.nightly
 def test_a_process_killed_while_it_is_prepared_is_reported() -> None:
     with (
         pytest.raises(WorkerLostError, match="--workers: a process was killed"),

@@ -334,6 +334,7 @@ def test_two_presses_of_a_button_stay_distinct() -> None:
         assert operator.telemetry()["time_ms"] - before_ms >= 2 * PRESS_MS
 
 
+@pytest.mark.nightly
 def test_the_live_run_is_stopped_by_ctrl_c_in_order(tmp_path: Path) -> None:
     """Ctrl-C ends panel, controller and plant of a live run: safe outputs are written and the ports are released."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:

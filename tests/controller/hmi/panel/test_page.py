@@ -242,6 +242,7 @@ def recent_cups(live: LiveMachine) -> dict[str, str]:
     return live.plant.call(read)
 
 
+@pytest.mark.nightly
 def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
     live: LiveMachine, panel: PanelProcess, browser: Browser
 ) -> None:

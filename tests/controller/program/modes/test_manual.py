@@ -210,6 +210,18 @@ def test_the_tray_is_blocked_while_an_arm_is_in_it() -> None:
     assert names[twin.plc.read(tray.blocked_by)] == "arms at feed"
 
 
+def test_the_centre_is_free_again_when_an_arm_turns_back_before_its_row() -> None:
+    """The left arm leaves feed for row 2, turns back, and the right arm can then enter the centre."""
+    twin = in_manual()
+    arm = tags_of(twin, "left")
+    jog(twin, "left.slide_inward", 600)
+    assert not twin.plc.read(arm.at_feed)
+    assert twin.plc.read(arm.in_centre)
+    jog(twin, "left.slide_outward", 2_500)
+    assert twin.plc.read(arm.at_feed)
+    assert not twin.plc.read(arm.in_centre)
+
+
 # bookkeeping
 
 

@@ -131,6 +131,7 @@ def test_without_its_question_an_arm_that_has_not_gripped_is_a_dead_end(side: Si
     assert {"home: raise loaded"} == {alarm_key(ending, side) for ending in ends}
 
 
+@pytest.mark.nightly
 def test_an_answer_without_effect_is_a_dead_end() -> None:
     """If the answer "no" did not reset the load, the question would be asked again in every homing."""
     arm = TAGS.arms["left"]
@@ -145,6 +146,7 @@ def test_an_answer_without_effect_is_a_dead_end() -> None:
     assert all(endings[-1].asks == ("left",) for _, endings in dead_ends)
 
 
+@pytest.mark.nightly
 def test_an_arm_that_homing_compares_with_its_earlier_places_is_a_dead_end() -> None:
     """With a long release dwell, an arm moved by hand would raise the alarm of a change at rest every time."""
     arm = TAGS.arms["left"]

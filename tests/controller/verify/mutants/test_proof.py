@@ -83,7 +83,7 @@ def test_influence_passes_through_rungs_and_steps() -> None:
     assert {Cell("T", tags.arms["left"].t_opening.number), Cell("D", tags.machine.state.number)} <= found
 
 
-@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("first", first_of([True, False]))
 def test_shared_execution_equals_a_complete_one(*, first: bool) -> None:
     """For mutants of every kind, the terms of all devices are identical."""
     model = Model(SOUND)
@@ -132,6 +132,7 @@ def test_a_preset_changes_durations_only() -> None:
     assert not proof().differs_in_time_only(mutants()[other].program)
 
 
+@pytest.mark.nightly
 def test_the_rule_that_blocks_a_mutant_is_named() -> None:
     """Without one of the two rules of a pair, the other one prevents both coils from being on."""
     rules = {
@@ -144,6 +145,7 @@ def test_the_rule_that_blocks_a_mutant_is_named() -> None:
     assert (found.rule, found.goal) == ("left: not with lift extend", "left: lift_extend with lift_retract")
 
 
+@pytest.mark.nightly
 def test_no_preset_of_a_timer_violates_a_goal() -> None:
     """The proof covers all durations, so that a changed time, in contrast to a changed count, is never killed by it."""
     changed = [each for each in sample([*mutants().values()], 140, 1) if each.kind is Kind.PRESET]

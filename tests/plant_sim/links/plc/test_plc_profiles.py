@@ -53,6 +53,7 @@ def test_a_program_behind_a_modbus_tcp_server_drives_the_machine_like_the_twin(n
     assert expected.counts.in_cups > 10
 
 
+@pytest.mark.nightly
 def test_a_complete_trial_behind_a_modbus_server_has_the_counts_of_the_twin() -> None:
     """Two trays: 134 seedlings in cups, 4 P, 3 D, 3 T."""
     profile, expected = profile_of("fx3u-registers"), reference(2, None)

@@ -16,6 +16,7 @@ MOST_BYTES_PER_RUN = 400
 """A key takes about 130 bytes, the record of a run more than 1 kB."""
 
 
+@pytest.mark.nightly
 def test_memory_does_not_grow_with_the_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The trials are replaced by one report, so that thousands of results are stored in seconds.
 

@@ -47,6 +47,7 @@ def peak(sd: float, seed: int) -> Fit:
     return fit(coded, exact + scatter, terms(2, "quadratic"))
 
 
+@pytest.mark.nightly
 def test_the_interval_of_the_location_of_an_optimum_has_its_coverage() -> None:
     """For each factor, nominally 95 % of 30 intervals contain the optimum; fewer than 25 of 30 is very unlikely."""
     held = np.zeros(2)

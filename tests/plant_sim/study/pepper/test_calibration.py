@@ -171,6 +171,7 @@ def test_the_guide_contains_the_quality_of_the_fit(motion: NominalMotion) -> Non
     assert f"{len(off):,} points of the design region" in text
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("start", first_of([copy, middle]))
 def test_the_study_compares_the_machine_with_a_new_fit(
     motion: NominalMotion, monkeypatch: pytest.MonkeyPatch, start: Callable[[SeedlingSpec], SeedlingSpec]

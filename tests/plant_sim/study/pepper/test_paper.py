@@ -151,6 +151,7 @@ def test_a_panel_shows_the_response_over_its_pair_of_factors() -> None:
     assert values == pytest.approx(x + 5.0 + 100.0 * y)
 
 
+@pytest.mark.nightly
 def test_equal_studies_write_identical_files(study: Study, tmp_path: Path) -> None:
     first = report.write(study, tmp_path / "first")
     second = report.write(paper_study(), tmp_path / "second")
