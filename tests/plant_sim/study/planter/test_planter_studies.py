@@ -106,6 +106,19 @@ def test_release_study_draws_the_window(tmp_path: Path) -> None:
     assert {path.suffix for path in write(study, tmp_path / "out")} == {".md", ".html", ".json", ".csv", ".png", ".svg"}
 
 
+def test_the_parts_of_the_loop_are_compared_between_its_points_of_zero_speed() -> None:
+    """With a ratio of 1.17 the points are at about 59° and 121°; a ratio of 0.9 has no loop and does not count."""
+    openers_deg = np.array([45.0, 60.0, 75.0, 90.0, 105.0, 150.0])
+    clean = np.array([[0.0, 1.0, 0.5, 0.25, 0.75, 0.0], [1.0] * 6])
+    made = release.ReleaseMap(
+        Ground.RIGID, np.array([1.17, 0.9]), openers_deg, clean, 1 - clean, (), default_table(Ground.RIGID)
+    )
+    text = release._comparison(PLANTER, made)
+    assert "50.0 % of the falls are clean for an opener on the rising part" in text
+    assert "75.0 % on the falling part" in text
+    assert "not confirmed" in text
+
+
 def test_windows_are_uninterrupted_ranges() -> None:
     openers_deg = np.array([45.0, 60.0, 75.0, 90.0, 105.0])
     clean = np.array([[1.0, 0.9, 0.5, 0.95, 0.2], [0.0] * 5])
