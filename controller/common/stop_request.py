@@ -13,7 +13,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Final, NoReturn, Protocol, Self
@@ -144,26 +144,37 @@ def interrupts_blocked() -> Iterator[None]:
         return
     received: list[int] = []
     handler = signal.signal(signal.SIGINT, lambda number, _: received.append(number))  # for signals to other threads
+    try:
+        with _masked({signal.SIGINT}):
+            yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if received:
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def _masked(numbers: Collection[int]) -> Iterator[None]:
+    """Keep signals from this thread within a `with` block, on systems with signal masks."""
     mask = getattr(signal, "pthread_sigmask", None)
-    before = mask(signal.SIG_BLOCK, {signal.SIGINT}) if mask is not None else None
+    before = mask(signal.SIG_BLOCK, numbers) if mask is not None else None
     try:
         yield
     finally:
         if mask is not None:
             mask(signal.SIG_SETMASK, before)
-        signal.signal(signal.SIGINT, handler)
-        if received:
-            signal.raise_signal(signal.SIGINT)
 
 
 def ignore_signals() -> None:
     """Ignore the signals from now on, at the end of a process.
 
     The interpreter joins threads and calls exit functions after the main function. A signal in this phase would print
-    "Exception ignored", or end the process with the exit code of the signal.
+    "Exception ignored", or end the process with the exit code of the signal. The signals are masked meanwhile, because
+    one that arrives while its handler is removed is printed as an error ("ignored due to race condition").
     """
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
+    with _masked(SIGNALS):
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def run_process(main: Callable[[StopRequest], int]) -> NoReturn:

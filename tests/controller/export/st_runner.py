@@ -46,6 +46,11 @@ def _parsed(text: str, rule: str) -> Tree[Any]:
 @Memory(ROOT / ".pytest_cache", verbose=0).cache  # type: ignore[untyped-decorator]
 def _parse(text: str, rule: str, _version: str) -> Tree[Any]:
     """Return the syntax tree of the text; kept between runs, because parsing a package takes about 10 s."""
+    return tree_of(text, rule)
+
+
+def tree_of(text: str, rule: str) -> Tree[Any]:
+    """Return the syntax tree of the text, which may be nested too deeply to be kept between runs."""
     result = parse_source_code(text, starting_rule=rule)
     if result.exception is not None:
         raise result.exception

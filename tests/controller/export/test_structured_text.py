@@ -36,7 +36,7 @@ from controller.export.structured_text import WIDTH, structured_text
 from controller.export.structured_text_variables import RESERVED, address, identifier
 from tests.controller.export import fx_equality
 from tests.controller.export.fx_equality import Differs, Pair, stories
-from tests.controller.export.st_runner import StPlc, StProgram, parsed
+from tests.controller.export.st_runner import StPlc, StProgram, parsed, tree_of
 from tests.controller.program.interlock_scene import MACHINE
 from tests.sampling import first_of
 
@@ -266,7 +266,7 @@ def test_complete_text_is_parsed(make: Callable[[], Program]) -> None:
 @pytest.mark.nightly
 def test_complete_text_of_the_machine_is_parsed() -> None:
     """The complete text is parsed as one unit, which takes over a minute; the other tests parse single statements."""
-    assert parsed(TEXT).data == "iec_source"
+    assert tree_of(TEXT, "iec_source").data == "iec_source"
 
 
 @pytest.mark.parametrize(

@@ -21,11 +21,11 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
-from typing import IO, Self
+from typing import IO, Any, Self
 
 import pytest
 
-from controller.common.stop_request import REPEAT_S, StopRequest, interrupts_blocked
+from controller.common.stop_request import REPEAT_S, SIGNALS, StopRequest, ignore_signals, interrupts_blocked
 from tests.controller.common.modbus_rig import Client, Rig, read_pdu
 from tests.real_time import WAIT_S
 from tests.sampling import first_of, one_in
@@ -353,3 +353,27 @@ def test_a_process_started_with_interrupts_blocked_never_receives_one() -> None:
         started = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     assert started.stdout == "True\n"
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_a_signal_cannot_arrive_while_its_handler_is_removed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A signal at the worst moment waits, and is discarded when it is ignored; Python would print an error for it."""
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    set_handler = signal.signal
+    waited = []
+
+    def arrives_first(number: int, handler: Any) -> Any:
+        signal.raise_signal(number)
+        waited.append(number in signal.sigpending())
+        return set_handler(number, handler)
+
+    with StopRequest() as stop:
+        stop.listen()
+        try:
+            monkeypatch.setattr(signal, "signal", arrives_first)
+            ignore_signals()
+        finally:
+            monkeypatch.undo()
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+        assert (waited, stop.is_set()) == ([True] * len(SIGNALS), False)
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {*SIGNALS}

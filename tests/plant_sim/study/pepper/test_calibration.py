@@ -31,7 +31,6 @@ from plant_sim.study.pepper.calibration_study import calibration_study
 from plant_sim.study.pepper.nominal import NominalMotion, nominal_motion
 from plant_sim.study.report.parts import Table
 from tests.paths import DOCS
-from tests.sampling import first_of
 
 MACHINE = load_machine()
 SPEC = MACHINE.seedling
@@ -172,7 +171,7 @@ def test_the_guide_contains_the_quality_of_the_fit(motion: NominalMotion) -> Non
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("start", first_of([copy, middle]))
+@pytest.mark.parametrize("start", [copy, middle])
 def test_the_study_compares_the_machine_with_a_new_fit(
     motion: NominalMotion, monkeypatch: pytest.MonkeyPatch, start: Callable[[SeedlingSpec], SeedlingSpec]
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from plant_sim.study.planter.lodging_trials import (
     pooled,
     simulate_trials,
 )
-from plant_sim.study.planter.verdicts import FallPoint, count_verdicts, crossings
+from plant_sim.study.planter.verdicts import FallPoint, VerdictCount, count_verdicts, crossings
 from plant_sim.study.report.study import Study, write
 from tests.sampling import first_of
 
@@ -88,6 +89,30 @@ def test_verdict_study_finds_the_switches(verdict_report: Study, tmp_path: Path)
     assert "lodging is 1.99 to 8.53 %" in text
     names = {path.name for path in write(verdict_report, tmp_path / "out")}
     assert {"report.md", "report.html", "study.json", "sweep.csv", "check.csv", "cases.csv", "verdicts.png"} <= names
+
+
+@pytest.mark.parametrize(
+    ("clean_of_4", "sentence"),
+    [(4, "3 of 3 points {} There are no exceptions."), (3, "2 of 3 points {} Exceptions: λ 1.1743, gap 0.5 mm, 75°.")],
+)
+def test_openers_without_the_verdict_of_the_paper_are_named(
+    monkeypatch: pytest.MonkeyPatch, clean_of_4: int, sentence: str
+) -> None:
+    """Three cases with one guide plate and two openers; the case with a clean verdict has some other falls."""
+    monkeypatch.setattr(verdicts, "OPENERS_DEG", (75.0, 120.0))
+    counts = []
+    for case in verdicts.CASES:
+        falls = Counter({case.verdict: 4})
+        if case.verdict is FallVerdict.CLEAN:
+            falls = Counter({FallVerdict.CLEAN: clean_of_4, FallVerdict.PUSHED: 4 - clean_of_4})
+        points = [
+            FallPoint(case.motion(PLANTER).ratio, opener_deg, 4, (("chain.guide_behind_m", 0.0205),))
+            for opener_deg in (75.0, 120.0)
+        ]
+        counts += [VerdictCount(point, falls) for point in points]
+    parts = verdicts._check_parts(verdicts.VerdictSweep(PLANTER, counts[::2], (), counts))
+    have = "have the verdict of the paper in at least 90 % of the falls."
+    assert sentence.format(have) in "".join(part for part in parts if isinstance(part, str))
 
 
 def test_release_study_draws_the_window(tmp_path: Path) -> None:
