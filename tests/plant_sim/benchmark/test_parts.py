@@ -11,7 +11,10 @@ from controller.common.errors import InputError
 from plant_sim.benchmark.catalogue import PARTS, chosen_parts
 from plant_sim.benchmark.part import LazyMeasurement, lazily
 from plant_sim.benchmark.runner import run_parts
-from tests.sampling import first_of
+from tests.real_time import MARK
+
+REAL_TIME = {"lateness", "modbus", "malformed"}
+"""Parts whose plants follow the clock."""
 
 
 def test_names_are_unique_and_parts_have_figures() -> None:
@@ -45,13 +48,19 @@ def test_seed_and_options_reach_the_measurement() -> None:
     assert lazily(f"{__name__}:speed_of", factor=0.5)(7) == {"speed": 3.5}
 
 
-@pytest.mark.parametrize("name", first_of(["scan", "start", "plant", "snapshot"], 2))
+@pytest.mark.parametrize("name", ["scan", "start"])
 def test_a_part_measures_its_figures(name: str) -> None:
     measured(name)
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", [each.name for each in chosen_parts([])])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(each.name, marks=getattr(pytest.mark, MARK) if each.name in REAL_TIME else ())
+        for each in chosen_parts([])
+    ],
+)
 def test_every_part_measures_its_figures(name: str) -> None:
     measured(name)
 
