@@ -22,7 +22,7 @@ from plant_sim.twin.recovery import HOMING_LIMIT_MS, begin_homing, clear, operat
 
 REMEDY: Final = "a second switch on every row, just before the first, or a position sensor on the slide"
 """Optional sensor that would tell the two machines apart."""
-THROTTLES: Final = {1: 0.85, 2: 0.2, 3: 0.2}
+THROTTLES: Final = {1: 0.85, 2: 0.15, 3: 0.15}
 """Throttle of the healthy machine during one approach as a fraction of its normal value, by row. The slide must arrive
 later than the dead switch does harm: 0.2 s after row 1, to which it travels for 1.1 s from feed, but 0.15 s after rows
 2 and 3, to which it travels for only 0.2 s from the switch before."""

@@ -11,13 +11,12 @@ import pytest
 
 from controller.program.states import HOMED_FROM
 from controller.program.tags import SIDES, Side
-from plant_sim.cli.faults import run_table
 from plant_sim.cli.main import main
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.fault_matrix.at_rest import KINDS, RestCase, RestOutcome, run_at_rest
 from plant_sim.fault_matrix.rest_expected import AT_REST, WITHOUT_FAULT, complaints
 from plant_sim.fault_matrix.rest_report import COLUMNS, RestResult, markdown, records, summary
-from plant_sim.fault_matrix.rest_table import ALL_FAULTS, jobs_at, jobs_of, selection
+from plant_sim.fault_matrix.rest_table import ALL_FAULTS, jobs_at, jobs_of, periods, run_job, search, selection
 from plant_sim.fault_matrix.run import MatrixSetup, undisturbed
 from plant_sim.fault_matrix.situations import (
     ARM_SWITCHES,
@@ -190,22 +189,25 @@ def test_a_switch_that_sticks_at_rest_is_told_and_the_trial_completes(
 
 
 @pytest.mark.timeout(3_600)
-@pytest.mark.parametrize("stop", first_of(STOPS, 0, nightly=2), ids=str)
-def test_every_switch_in_every_rest_situation(stop: StopKind) -> None:
-    results = run_table(selection([stop.name]), TWO_TRAYS, every_ms=None, jobs=1)
-    assert [finding for result in results for finding in result.findings] == []
+@pytest.mark.parametrize("one_in", first_of([20, 1], 0, nightly=1))
+@pytest.mark.parametrize("stop", STOPS, ids=str)
+def test_every_switch_in_every_rest_situation(stop: StopKind, one_in: int) -> None:
+    """Of one second in 20, and of all seconds of a trial of two trays."""
+    chosen = selection([stop.name])
+    spells = [spell for second in periods(TWO_TRAYS)[5::one_in] for spell in search(second, TWO_TRAYS, chosen.stops)]
+    jobs = jobs_of(spells, chosen)
+    assert len(jobs) >= 3
+    assert [complaint for job in jobs for outcome in run_job(job, TWO_TRAYS) for complaint in complaints(outcome)] == []
 
 
 @pytest.mark.timeout(3_600)
-@pytest.mark.parametrize("stop", first_of(STOPS[:4], 0, nightly=1), ids=str)
-def test_every_switch_at_every_tenth_of_a_second_of_a_cycle(stop: StopKind) -> None:
+@pytest.mark.parametrize("every_ms", first_of([1_010, 110], 0, nightly=1))
+@pytest.mark.parametrize("stop", STOPS[:4], ids=str)
+def test_every_switch_at_regular_moments_of_a_cycle(stop: StopKind, every_ms: int) -> None:
     """The moments are not in the middle of the situations; one cycle of the left arm."""
-    chosen = selection([stop.name])
     begin_ms = moment("left", "approach row", 0)
-    tasks = jobs_at(range(begin_ms, begin_ms + 16_000, 110), chosen)
-    for task in tasks:
-        outcomes = run_at_rest(stop, task.at_ms, task.cases, ONE_TRAY)
-        assert [complaint for outcome in outcomes for complaint in complaints(outcome)] == []
+    for job in jobs_at(range(begin_ms, begin_ms + 16_000, every_ms), selection([stop.name])):
+        assert [complaint for outcome in run_job(job, ONE_TRAY) for complaint in complaints(outcome)] == []
 
 
 # --- judgement and reports ----------------------------------------------------------------------

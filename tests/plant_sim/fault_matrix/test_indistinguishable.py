@@ -9,11 +9,20 @@ import pytest
 
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.crop.incident import Incident
-from plant_sim.fault_matrix.indistinguishable import Evidence, ImageTrace, dead_pick_switch, welded_tray_sensor
+from plant_sim.fault_matrix.indistinguishable import (
+    THROTTLES,
+    Evidence,
+    ImageTrace,
+    dead_pick_switch,
+    welded_tray_sensor,
+)
 from plant_sim.fault_matrix.run import MatrixSetup
+from plant_sim.twin.lock_step import SCAN_MS
+from tests.paths import DOCS
 from tests.sampling import first_of
 
 ONE_TRAY = MatrixSetup(trays=1)
+PAGE = (DOCS / "fault-matrix.md").read_text(encoding="utf-8")
 
 
 @cache
@@ -31,6 +40,14 @@ def test_a_healthy_machine_has_the_same_images_until_the_harm(side: Side, row: i
     assert f"column {row}" in found.harm.text
     assert found.is_conclusive
     assert found.healthy.in_cups == found.healthy.total == 72
+    assert stated_row(found) in PAGE
+
+
+def stated_row(found: Evidence) -> str:
+    """Return the row of the page for the evidence; a scan begins every 10 ms from power-up."""
+    times = f"{found.left_ms / 1000:.2f} | {found.harm.time_ms / 1000:.2f}"
+    arrival = f"{found.arrived_scan * SCAN_MS / 1000:.2f}"
+    return f"| {found.side}, {found.row} | {THROTTLES[found.row]} | {times} | {found.equal_scans} | {arrival} |\n"
 
 
 def test_evidence_is_not_conclusive_if_the_images_differ_before_the_harm_or_the_healthy_run_fails() -> None:
@@ -45,6 +62,8 @@ def test_a_healthy_machine_has_the_same_images_until_a_tray_has_passed() -> None
     """A tray sensor that welds at rest while a tray is on its way looks like a tray that was moved under the sensor."""
     found = welded_tray_sensor(MatrixSetup(trays=2))
     assert found.is_conclusive, found
+    for scans in (found.equal_scans, found.passed_scan):
+        assert f"{scans:,} scans" in PAGE
     assert not replace(found, equal_scans=found.passed_scan).is_conclusive
     assert not replace(found, left_scan=found.passed_scan).is_conclusive
 
