@@ -4,6 +4,8 @@ comparison of the mark `real_time` with the processes of each test.
 
 import gc
 import signal
+from collections.abc import Generator
+from functools import cache
 from pathlib import Path
 from typing import Final
 from zlib import crc32
@@ -49,6 +51,16 @@ def pytest_configure(config: pytest.Config) -> None:
         assert Twin().plant.x
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect without garbage collection: nothing is released, and it would take a sixth of the time."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run a scenario that exists for both arms on one of them by default, and on the other every night.
@@ -73,6 +85,7 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@cache
 def _is_sampled(path: Path) -> bool:
     return any(path.is_relative_to(folder) for folder in SAMPLED)
 

@@ -16,12 +16,10 @@ from typing import NoReturn, Protocol, cast
 from controller.common.declarations import DeclarationError, declared_at
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION, install_hint
-from controller.common.stop_request import StopRequest
+from controller.common.stop_request import INTERRUPTED, StopRequest
 
 USAGE_ERROR = 2
 """Exit code for invalid input and for a missing optional dependency."""
-INTERRUPTED = 130
-"""Exit code of a command whose work was interrupted by Ctrl-C: 128 + SIGINT, by shell convention."""
 BROKEN_PIPE = 141
 """Exit code if the reader of the output has disconnected: 128 + SIGPIPE, by shell convention."""
 
@@ -142,6 +140,8 @@ class CommandLine:
             return USAGE_ERROR
         except KeyboardInterrupt:
             return INTERRUPTED
+        finally:
+            stop.collect()  # the command has ended, and its exit code is known
 
 
 def version() -> str:

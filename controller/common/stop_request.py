@@ -22,6 +22,8 @@ SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "
 """Signals that end a process; SIGHUP, which Windows lacks, comes from a terminal that is closed."""
 REPEAT_S: Final = 1.0
 """Time within which repeated signals count as one interruption of a command, s (assumed): a held key."""
+INTERRUPTED: Final = 128 + signal.SIGINT
+"""Exit code of a command whose work was interrupted by Ctrl-C: 128 + SIGINT, by shell convention."""
 
 
 class Stop(Protocol):
@@ -187,6 +189,8 @@ def run_process(main: Callable[[StopRequest], int]) -> NoReturn:
     stop.listen()
     try:
         code = main(stop)
+    except KeyboardInterrupt:  # between two instructions after the command has ended
+        code = INTERRUPTED
     finally:
         ignore_signals()
     sys.exit(code)

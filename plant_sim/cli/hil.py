@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from controller.common.command_line import INTERRUPTED
 from controller.common.errors import InputError
+from controller.common.stop_request import INTERRUPTED
 from plant_sim.cli import connect, serve
 from plant_sim.cli.options import faults_of
 from plant_sim.cli.serving import build

@@ -65,6 +65,10 @@ PROGRESS = re.compile(
 )
 
 
+COMPLETE_PROOF_S = 1_800
+"""End of a hang, s; the complete proof takes two to five minutes, according to what else the computer does."""
+
+
 def expected_results(every: int) -> dict[str, Result]:
     """Return the results by name: all requirements and invariants, and one in `every` of each other kind of goal."""
     return ALWAYS | {name: table[name] for table in SAMPLED for name in [*table][::every]}
@@ -78,6 +82,7 @@ def test_every_goal_of_the_proof_is_expected() -> None:
     assert sorted(known.split(", ")) == sorted(", ".join(expected_results(every=1)).split(", "))
 
 
+@pytest.mark.timeout(COMPLETE_PROOF_S + 100)
 @pytest.mark.parametrize("every", first_of([20, 1]))
 def test_the_proof_succeeds(every: int) -> None:
     """Every goal has the result that the specification demands: requirements are proved, limits are not provable.
@@ -88,7 +93,7 @@ def test_the_proof_succeeds(every: int) -> None:
     expected = expected_results(every)
     goals = [] if every == 1 else [f"--goal={name}" for name in expected]
     command = [sys.executable, "-m", "controller", "prove", "--json", *goals]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=280)
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=COMPLETE_PROOF_S)
     assert [line for line in done.stderr.splitlines() if not PROGRESS.fullmatch(line)] == []
     report = json.loads(done.stdout)
     assert len(report["rows"]) == len(expected)
