@@ -81,7 +81,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """Exclude the imported modules and the collected tests, which are never released, from garbage collection."""
-    gc.collect()
     gc.freeze()
 
 

@@ -6,6 +6,8 @@ records the request, and the service looks for it. Any other command is interrup
 
 from __future__ import annotations
 
+import atexit
+import ctypes
 import math
 import select
 import signal
@@ -13,7 +15,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Final, NoReturn, Protocol, Self
@@ -147,36 +149,38 @@ def interrupts_blocked() -> Iterator[None]:
     received: list[int] = []
     handler = signal.signal(signal.SIGINT, lambda number, _: received.append(number))  # for signals to other threads
     try:
-        with _masked({signal.SIGINT}):
+        mask = getattr(signal, "pthread_sigmask", None)
+        before = mask(signal.SIG_BLOCK, {signal.SIGINT}) if mask is not None else None
+        try:
             yield
+        finally:
+            if mask is not None:
+                mask(signal.SIG_SETMASK, before)
     finally:
         signal.signal(signal.SIGINT, handler)
         if received:
             signal.raise_signal(signal.SIGINT)
 
 
-@contextmanager
-def _masked(numbers: Collection[int]) -> Iterator[None]:
-    """Keep signals from this thread within a `with` block, on systems with signal masks."""
-    mask = getattr(signal, "pthread_sigmask", None)
-    before = mask(signal.SIG_BLOCK, numbers) if mask is not None else None
-    try:
-        yield
-    finally:
-        if mask is not None:
-            mask(signal.SIG_SETMASK, before)
-
-
-def ignore_signals() -> None:
-    """Ignore the signals from now on, at the end of a process.
+def discard_signals() -> None:
+    """Let the system ignore the signals from now on, at the end of a process.
 
     The interpreter joins threads and calls exit functions after the main function. A signal in this phase would print
-    "Exception ignored", or end the process with the exit code of the signal. The signals are masked meanwhile, because
-    one that arrives while its handler is removed is printed as an error ("ignored due to race condition").
+    "Exception ignored". Python keeps a handler without effect, because a signal for which it has none is printed as an
+    error ("ignored due to race condition"): any thread may have received one that Python has not seen yet.
     """
-    with _masked(SIGNALS):
-        for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+    ignore_in_system = ctypes.pythonapi.PyOS_setsig
+    ignore_in_system.argtypes = (ctypes.c_int, ctypes.c_void_p)
+    ignore_in_system.restype = ctypes.c_void_p
+    for number in SIGNALS:
+        signal.signal(number, lambda *_: None)
+        ignore_in_system(number, signal.SIG_IGN)
+
+
+def _ignore_signals() -> None:
+    """Remove the handlers of the signals; the interpreter would else let them end the process in its last moment."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def run_process(main: Callable[[StopRequest], int]) -> NoReturn:
@@ -185,6 +189,7 @@ def run_process(main: Callable[[StopRequest], int]) -> NoReturn:
     Args:
         main: Main function; it imports the command, so that a signal during the imports, too, is a request to stop.
     """
+    atexit.register(_ignore_signals)  # called last, because it is registered first
     stop = StopRequest()
     stop.listen()
     try:
@@ -192,5 +197,5 @@ def run_process(main: Callable[[StopRequest], int]) -> NoReturn:
     except KeyboardInterrupt:  # between two instructions after the command has ended
         code = INTERRUPTED
     finally:
-        ignore_signals()
+        discard_signals()
     sys.exit(code)

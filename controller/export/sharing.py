@@ -50,6 +50,10 @@ def shared(program: Program) -> Program:
     return replace(program, blocks=tuple(blocks))
 
 
+_Pair = tuple[tuple[int, bool], ...]
+"""Two operands of a connection, each with its value number and True if it is negated."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Value:
     """Condition and its value number; a condition and its complement have the same number.
@@ -104,23 +108,30 @@ class _Values:
         chosen = self.worth_a_relay()
         uses = self._total_uses(chosen)
         times_written = {n: 1 if n in chosen else uses[n] for n, operands in enumerate(self._operands) if operands}
-        while True:
-            pairs: Counter[tuple[tuple[int, bool], ...]] = Counter()
-            for number, times in times_written.items():
-                for pair in combinations(sorted(self._operands[number]), 2):
-                    pairs[pair] += times
-            most_common = pairs.most_common(1)
-            if not most_common or most_common[0][1] <= _PAIR_STEPS:
-                return
-            self._extract(frozenset(most_common[0][0]), times_written)
+        pairs: Counter[_Pair] = Counter()
+        for number, times in times_written.items():
+            self._count_pairs(pairs, number, times)
+        while (most := max(pairs.values(), default=0)) > _PAIR_STEPS:
+            first = next(pair for number in times_written for pair in self._pairs(number) if pairs[pair] == most)
+            self._extract(frozenset(first), times_written, pairs)
 
-    def _extract(self, pair: frozenset[tuple[int, bool]], times_written: dict[int, int]) -> None:
+    def _pairs(self, number: int) -> Iterator[_Pair]:
+        return combinations(sorted(self._operands[number]), 2)
+
+    def _count_pairs(self, pairs: Counter[_Pair], number: int, times: int) -> None:
+        for pair in self._pairs(number):
+            pairs[pair] += times
+
+    def _extract(self, pair: frozenset[tuple[int, bool]], times_written: dict[int, int], pairs: Counter[_Pair]) -> None:
         common = self._number(pair, 0, pair)
         having = [n for n in times_written if n != common and pair <= self._operands[n]]
         for number in having:
+            self._count_pairs(pairs, number, -times_written[number])
             self._operands[number] = self._operands[number] - pair | {(common, False)}
+            self._count_pairs(pairs, number, times_written[number])
         self._order.remove(common)
         self._order.insert(min(map(self._order.index, having)), common)
+        self._count_pairs(pairs, common, 1 - times_written.get(common, 0))
         times_written[common] = 1
 
     def grouped(self, value: _Value) -> tuple[_Value, ...]:

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Self
 
 STOP_S = 30.0
@@ -128,7 +128,10 @@ class Interrupts:
         if self._received:
             raise KeyboardInterrupt
 
-    def _handle(self, *_: object) -> None:
+    def _handle(self, number: int, frame: FrameType | None) -> None:
         if not self._received:
             self._received = True
+            previous = self._previous[signal.Signals(number)]
+            if callable(previous):
+                previous(number, frame)  # which raises, and counts what follows soon as repetitions
             raise KeyboardInterrupt

@@ -12,7 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from hashlib import sha256
 from importlib.metadata import version
+from pathlib import Path
 from types import CodeType
 from typing import Any, Final
 
@@ -23,6 +25,10 @@ from lark import Token, Tree
 from tests.paths import ROOT
 
 BLARK_VERSION: Final = version("blark")
+TRANSLATOR: Final = f"{BLARK_VERSION} {sha256(Path(__file__).read_bytes()).hexdigest()}"
+"""Versions of the parser and of this module."""
+KEPT: Final = Memory(ROOT / ".pytest_cache", verbose=0)
+"""Results that are kept between runs."""
 OPERATORS: Final = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not", "MOD": "%", "/": "//"}
 RANGES: Final = {"INT": 2**15, "DINT": 2**31, "LINT": 2**63}
 FUNCTIONS: Final = {"MIN": min}
@@ -43,7 +49,7 @@ def _parsed(text: str, rule: str) -> Tree[Any]:
     return _parse(text, rule, BLARK_VERSION)  # type: ignore[no-any-return]
 
 
-@Memory(ROOT / ".pytest_cache", verbose=0).cache  # type: ignore[untyped-decorator]
+@KEPT.cache  # type: ignore[untyped-decorator]
 def _parse(text: str, rule: str, _version: str) -> Tree[Any]:
     """Return the syntax tree of the text; kept between runs, because parsing a package takes about 10 s."""
     return tree_of(text, rule)
@@ -85,13 +91,7 @@ class StProgram:
     @cached_property
     def source(self) -> str:
         """Statements translated to Python, created on first use because parsing is slow."""
-        types = {v.name: v.type for v in self.variables.values()}
-        lines: list[str] = []
-        for statement in _statements(self._body):
-            folded, pieces = _fold(statement)
-            shape, names = _shape(folded)
-            lines += _Python(types, names, pieces).block(_parsed(shape, "statement_list"), 0)
-        return "\n".join(lines) + "\n"
+        return _translated(self._body, {v.name: v.type for v in self.variables.values()}, TRANSLATOR)  # type: ignore[no-any-return]
 
     def plc(self, mutate: Callable[[str], str] = str, device_byte: int = 0) -> StPlc:
         """Return a PLC that runs the program, optionally with mutated Python code.
@@ -101,6 +101,17 @@ class StProgram:
             device_byte: First byte of the inputs and outputs.
         """
         return StPlc(self.variables, compile(mutate(self.source), "<structured text>", "exec"), device_byte)
+
+
+@KEPT.cache  # type: ignore[untyped-decorator]
+def _translated(body: str, types: dict[str, str], _translator: str) -> str:
+    """Return the Python text of statements; kept between runs until the translator changes."""
+    lines: list[str] = []
+    for statement in _statements(body):
+        folded, pieces = _fold(statement)
+        shape, names = _shape(folded)
+        lines += _Python(types, names, pieces).block(_parsed(shape, "statement_list"), 0)
+    return "\n".join(lines) + "\n"
 
 
 def _without_ton(text: str) -> str:

@@ -6,6 +6,7 @@ import signal
 
 import pytest
 
+from controller.common.stop_request import SIGNALS, StopRequest
 from plant_sim.twin.process import Interrupts
 
 
@@ -42,3 +43,21 @@ def test_further_signals_do_not_interrupt_the_stopping_of_the_processes() -> Non
             signal.raise_signal(number)
         with pytest.raises(KeyboardInterrupt):
             interrupts.check()
+
+
+def test_a_repeated_signal_after_the_run_does_not_interrupt_its_end() -> None:
+    """The command counts a signal that comes soon after one of the run as its repetition."""
+    before = [signal.getsignal(number) for number in SIGNALS]
+    try:
+        with StopRequest() as stop:
+            stop.listen()
+            stop.interrupt()
+            with Interrupts(), pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                pytest.fail("the repeated signal interrupted the end of the command")
+    finally:
+        for number, handler in zip(SIGNALS, before, strict=True):
+            signal.signal(number, handler)
