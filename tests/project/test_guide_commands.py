@@ -1,9 +1,10 @@
 """Every command of every guide, executed as printed, in a separate folder for each page.
 
 By default, a command that is on several pages runs on the first of them, and of some commands only the options are
-checked; the complete pages run with ``--nightly``. The commands of a page run in order, because later ones read files
-that earlier ones have written. Files that a page expects its reader to have (``my.il``, ``my_map.yaml``, ...) are
-created beforehand. Servers use free ports and are stopped with Ctrl-C when they are ready.
+checked; the complete pages run with ``--nightly``, but for commands of minutes or hours, which run with ``--weekly``.
+The commands of a page run in order, because later ones read files that earlier ones have written. Files that a page
+expects its reader to have (``my.il``, ``my_map.yaml``, ...) are created beforehand. Servers use free ports and are
+stopped with Ctrl-C when they are ready.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from pathlib import Path
 from typing import Final, get_args
 
 import pytest
+from _pytest.mark import ParameterSet
 
 from controller.cli.main import COMMAND_LINE as CONTROLLER
 from controller.cli.main import main as controller_main
@@ -102,6 +104,15 @@ SLOW: Final = {
 """Commands that are run only with ``--nightly``: those that take more than 2 s, commands that read their files, and
 servers like those of docs/first-run.md.
 """
+LONG: Final = {
+    ".venv/bin/python -m controller prove --mutants 20 --seed 1",
+    ".venv/bin/python -m controller prove --mutants 300 --seed 1 --out docs/reference",
+    ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
+    ".venv/bin/python -m plant_sim faults --all --times 0.25 --times 0.5 --times 2 --times 4 --out fault-matrix",
+    ".venv/bin/python -m plant_sim faults --at-rest --all --out fault-matrix",
+    ".venv/bin/python -m plant_sim faults --at-rest --all --stop stopped --every 500",
+}
+"""Slow commands that take minutes to hours and run only with ``--weekly``; no other command reads their files."""
 SERVERS: Final = {"serve", "run", "hil"}
 EXPECTED_CODES: Final = {"prove --without": 1, "replay --without": 1}
 """Non-zero exit codes of commands that report a violated requirement, by a part of the command."""
@@ -132,6 +143,19 @@ def chosen() -> dict[str, list[str]]:
 BY_DEFAULT: Final = chosen()
 COMPLETE: Final = {name: found for name, page in PAGES.items() if (found := runnable(page)) != BY_DEFAULT.get(name, [])}
 """Commands of the pages of which only some or none are run by default."""
+
+
+def periods() -> list[ParameterSet]:
+    """Return the complete pages with the mark of their period: every night without the long commands."""
+    pages = []
+    for name, found in COMPLETE.items():
+        by_night = [command for command in found if command not in LONG]
+        live = [pytest.mark.real_time] if LIVE_RUN_OPTION in " ".join(found) else []
+        if by_night:
+            pages.append(pytest.param(name, by_night, marks=[pytest.mark.nightly, *live], id=name))
+        if by_night != found:
+            pages.append(pytest.param(name, found, marks=[pytest.mark.weekly, *live], id=f"{name}, complete"))
+    return pages
 
 
 @pytest.fixture
@@ -312,17 +336,12 @@ def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.Capt
     check(name, BY_DEFAULT[name], folder, capsys)
 
 
-@pytest.mark.nightly
-@pytest.mark.timeout(3_600)
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.real_time if LIVE_RUN_OPTION in " ".join(found) else ())
-        for name, found in COMPLETE.items()
-    ],
-)
-def test_all_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(name, COMPLETE[name], folder, capsys)
+@pytest.mark.timeout(14_400)
+@pytest.mark.parametrize(("name", "found"), periods())
+def test_all_commands_of_a_page_run(
+    name: str, found: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    check(name, found, folder, capsys)
 
 
 @pytest.mark.parametrize("command", sorted(command for command in SLOW if command.startswith(".venv/bin/python")))
@@ -336,6 +355,7 @@ def test_every_exception_is_on_a_page() -> None:
     everything = {command for page in PAGES.values() for command in commands(page)}
     assert len(NOT_RUN) == NOT_RUN_COUNT
     assert set(NOT_RUN) | SLOW <= everything
+    assert LONG <= SLOW
     programs = {shlex.split(command)[0] for command in everything}
     assert programs <= {".venv/bin/python", "scripts/run", "scripts/test", "scripts/bench"}
 
