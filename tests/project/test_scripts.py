@@ -39,7 +39,7 @@ case "$*" in
         ;;
     *)
         (IFS='|' && echo "${0##*/}|$*")
-        if [[ ${FAILING:-} == "${0##*/}" ]]; then exit 3; fi
+        if [[ ${FAILING:-} == "${0##*/}" || " $* " == *" ${FAILING_ARGUMENT:-none} "* ]]; then exit 3; fi
         ;;
 esac
 """
@@ -298,14 +298,22 @@ def test_scripts_test_sets_up_and_passes_its_arguments_on(machine: Machine, argu
     assert machine.log.read_text().splitlines() == FROM_NOTHING
 
 
-def test_continuous_integration_names_one_nightly_part_after_the_tests(machine: Machine) -> None:
+def test_continuous_integration_runs_one_nightly_part_after_the_tests(machine: Machine) -> None:
     machine.setup("dev")
     machine.tool("git", "#!/usr/bin/env bash\n[[ $* == 'rev-parse HEAD' ]] && echo 5f\n")
     code, output, _ = machine.run(".ci/run")
     part = "python|-m|tests.suite.parts|5f"  # the simulated Python prints its arguments
-    first, named = output.splitlines()
+    first, named, second = output.splitlines()
     assert (code, first) == (0, "python|-m|tests.suite")
     assert named == f"nightly part of this commit: scripts/test --nightly {part}"
+    assert second == f"python|-m|tests.suite|--nightly|{part}"
+
+
+def test_continuous_integration_fails_with_the_nightly_part(machine: Machine) -> None:
+    machine.setup("dev")
+    machine.tool("git", "#!/usr/bin/env bash\necho 5f\n")
+    code, output, _ = machine.run(".ci/run", FAILING_ARGUMENT="--nightly")
+    assert (code, len(output.splitlines())) == (3, 3)
 
 
 def test_continuous_integration_fails_with_the_tests(machine: Machine) -> None:
