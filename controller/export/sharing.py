@@ -131,8 +131,6 @@ class _Values:
             self._count_pairs(pairs, number, times_written[number])
         self._order.remove(common)
         self._order.insert(min(map(self._order.index, having)), common)
-        self._count_pairs(pairs, common, 1 - times_written.get(common, 0))
-        times_written[common] = 1
 
     def grouped(self, value: _Value) -> tuple[_Value, ...]:
         """Return the operands of a connection, with extracted operands combined."""

@@ -25,7 +25,8 @@ REMEDY: Final = "a second switch on every row, just before the first, or a posit
 THROTTLES: Final = {1: 0.85, 2: 0.15, 3: 0.15}
 """Throttle of the healthy machine during one approach as a fraction of its normal value, by row. The slide must arrive
 later than the dead switch does harm: 0.2 s after row 1, to which it travels for 1.1 s from feed, but 0.15 s after rows
-2 and 3, to which it travels for only 0.2 s from the switch before."""
+2 and 3, to which it travels for only 0.2 s from the switch before. At 0.2 instead of 0.15, the right slide would coast
+into the switch of row 2 in the scan of the harm."""
 TRAY_REMEDY: Final = "a second tray sensor, at the distance of a tray behind the first"
 """Optional sensor that would tell a welded tray sensor from a tray."""
 FORWARD: Final = ("tray_run", "tray_forward")

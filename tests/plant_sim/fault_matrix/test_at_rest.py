@@ -194,7 +194,8 @@ def test_a_switch_that_sticks_at_rest_is_told_and_the_trial_completes(
 def test_every_switch_in_every_rest_situation(stop: StopKind, one_in: int) -> None:
     """Of one second in 20, and of all seconds of a trial of two trays."""
     chosen = selection([stop.name])
-    spells = [spell for second in periods(TWO_TRAYS)[5::one_in] for spell in search(second, TWO_TRAYS, chosen.stops)]
+    seconds = periods(TWO_TRAYS)[one_in // 4 :: one_in]
+    spells = [spell for second in seconds for spell in search(second, TWO_TRAYS, chosen.stops)]
     jobs = jobs_of(spells, chosen)
     assert len(jobs) >= 3
     assert [complaint for job in jobs for outcome in run_job(job, TWO_TRAYS) for complaint in complaints(outcome)] == []
