@@ -12,9 +12,14 @@ import pytest
 from tests.paths import ROOT
 from tests.sampling import first_of
 from tests.suite import leaves
-from tests.suite.budgets import BUDGETS, OTHERS_LIMIT, Usage, budgets, folder_of, reference_loop_s
+from tests.suite.budgets import BUDGETS, OTHERS_LIMIT, Meter, Usage, budgets, folder_of, reference_loop_s, units_of
 
-USAGE = Usage({"tests/project": 3.0, "tests/controller/fx": 1.0}, reference_s=0.02 / 3, others=0.0)
+USAGE = Usage(
+    {"tests/project": 3.0, "tests/controller/fx": 1.0},
+    {"tests/project": 1.5, "tests/controller/fx": 0.5},
+    reference_s=0.02 / 3,
+    others=0.0,
+)
 
 
 @pytest.mark.parametrize(
@@ -31,8 +36,22 @@ def test_a_test_counts_to_its_folder(node: str, folder: str) -> None:
 
 
 def test_a_unit_is_a_number_of_reference_loops() -> None:
-    assert USAGE.units("tests/project") == pytest.approx(3.0 / 2.0)
+    assert units_of(3.0, loop_s=0.02 / 3) == pytest.approx(3.0 / 2.0)
     assert 0.0005 < reference_loop_s() < 0.5
+
+
+def test_a_test_is_compared_with_the_loop_of_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The computer halves its speed during the second test, which takes 2 s."""
+    loops_s, now_s = iter([0.004, 0.008]), [0.0]
+    monkeypatch.setattr("tests.suite.budgets.reference_loop_s", lambda: next(loops_s))
+    monkeypatch.setattr("tests.suite.budgets.own_time_s", lambda: now_s[0])
+    meter = Meter()
+    found = []
+    for used_s in (0.5, 2.0, 0.25):
+        meter.pytest_runtest_logstart()
+        now_s[0] += used_s
+        found.append(meter.of_test())
+    assert found == [(0.5, 0.004), (2.0, pytest.approx(0.006)), (0.25, 0.008)]
 
 
 @pytest.mark.parametrize(
@@ -104,7 +123,7 @@ def test_a_budget_is_enforced_only_on_a_quiet_computer(others: float, code: int,
     """A run of all tests without a budget for its folder fails, unless other processes took too much time."""
     (tmp_path / "test_a.py").write_text("def test_a(): pass\n", encoding="utf-8")
     plugin = "from tests.suite import budgets\nbudgets.Accountant._measured = lambda self: budgets.Usage("
-    (tmp_path / "quiet.py").write_text(f"{plugin}{{'new': 1.0}}, 0.01, {others})\n", encoding="utf-8")
+    (tmp_path / "quiet.py").write_text(f"{plugin}{{'new': 1.0}}, {{'new': 1.0}}, 0.01, {others})\n", encoding="utf-8")
     words = ["-p", "tests.suite.budgets", "-p", "quiet", "--enforce-budgets"]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *words, "--rootdir", tmp_path, tmp_path],

@@ -1,7 +1,8 @@
 """Processor time of the tests by folder, compared with the budgets in ``budgets.yaml``; a plugin of pytest.
 
-Processor time depends on the computer. It is therefore divided by the processor time of a fixed reference loop that is
-measured in the same run, between the tests. A quotient of 1 is as long as `REFERENCE_LOOPS` reference loops.
+Processor time depends on the computer, and on a virtual machine from second to second. The time of each test is
+therefore divided by the processor time of a fixed reference loop that is measured in the same process, before the test
+and again after a long one. A quotient of 1 is as long as `REFERENCE_LOOPS` reference loops.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +25,8 @@ FOLDER_DEPTH: Final = 3
 """Path components of a folder with a budget of its own, as in ``tests/controller/fx``."""
 REFERENCE_LOOPS: Final = 300
 """Reference loops in a unit of processor time; on the computer where the budgets were set, about one second."""
-TESTS_PER_REFERENCE: Final = 50
-"""Tests of a worker between two measurements of the reference loop."""
+REFERENCE_PERIOD_S: Final = 1.0
+"""Processor time of a worker between two measurements of the reference loop, s."""
 OTHERS_LIMIT: Final = 0.1
 """Share of the processors that other processes may take; above it, a budget that is exceeded is not an error."""
 PROPERTY: Final = "processor_time"
@@ -39,6 +40,11 @@ def reference_loop_s() -> float:
     for number in range(60_000):
         table[number & 255] += number % 7
     return time.process_time() - start_s
+
+
+def units_of(used_s: float, loop_s: float) -> float:
+    """Return a processor time in units, given the processor time of the reference loop, s."""
+    return used_s / (REFERENCE_LOOPS * loop_s)
 
 
 def own_time_s() -> float:
@@ -80,17 +86,15 @@ class Usage:
 
     Attributes:
         folders_s: Processor time by folder, s.
+        units: Processor time by folder, in units.
         reference_s: Median processor time of the reference loop, s.
         others: Share of the processors that other processes took, 0 to 1.
     """
 
     folders_s: dict[str, float]
+    units: dict[str, float]
     reference_s: float
     others: float
-
-    def units(self, folder: str) -> float:
-        """Return the processor time of a folder in units of reference loops."""
-        return self.folders_s.get(folder, 0.0) / (REFERENCE_LOOPS * self.reference_s)
 
     def exceeded(self, budgets: dict[str, float]) -> list[str]:
         """Return a line for each folder without a budget or over its budget."""
@@ -100,9 +104,9 @@ class Usage:
             if folder not in budgets
         ]
         return lines + [
-            f"{folder}: {self.units(folder):.1f} units of processor time, budget {budget:g}"
+            f"{folder}: {self.units[folder]:.1f} units of processor time, budget {budget:g}"
             for folder, budget in budgets.items()
-            if self.units(folder) > budget
+            if self.units.get(folder, 0.0) > budget
         ]
 
     def table(self, budgets: dict[str, float]) -> list[str]:
@@ -110,11 +114,11 @@ class Usage:
         folders = sorted(self.folders_s, key=lambda folder: -self.folders_s[folder])
         lines = [f"{'folder':<36}{'CPU s':>8}{'units':>8}{'budget':>8}"]
         lines += [
-            f"{folder:<36}{self.folders_s[folder]:8.1f}{self.units(folder):8.1f}{budgets.get(folder, 0):8g}"
+            f"{folder:<36}{self.folders_s[folder]:8.1f}{self.units[folder]:8.1f}{budgets.get(folder, 0):8g}"
             for folder in folders
         ]
         total_s = sum(self.folders_s.values())
-        total = sum(self.units(folder) for folder in folders)
+        total = sum(self.units.values())
         lines.append(f"{'all tests':<36}{total_s:8.1f}{total:8.1f}{sum(budgets.values()):8g}")
         lines.append(f"reference loop {1e3 * self.reference_s:.2f} ms; other processes took {self.others:.0%}")
         return lines
@@ -124,7 +128,8 @@ class Meter:
     """Plugin of a process that runs tests: attaches the processor time of each test to its report."""
 
     def __init__(self) -> None:
-        self._tests = 0
+        self._loop_s = reference_loop_s()
+        self._measured_s = own_time_s()
         self._start_s = 0.0
 
     def pytest_runtest_logstart(self) -> None:
@@ -136,11 +141,18 @@ class Meter:
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         report = yield
         if call.when == "teardown":
-            used_s = own_time_s() - self._start_s
-            loop_s = reference_loop_s() if self._tests % TESTS_PER_REFERENCE == 0 else None
-            self._tests += 1
-            report.user_properties.append((PROPERTY, (used_s, loop_s)))
+            report.user_properties.append((PROPERTY, self.of_test()))
         return report
+
+    def of_test(self) -> tuple[float, float]:
+        """Return the processor time of the test that ends now, and that of the reference loop during it, s."""
+        now_s = own_time_s()
+        loop_s = self._loop_s
+        if now_s - self._measured_s > REFERENCE_PERIOD_S:
+            self._loop_s = reference_loop_s()
+            self._measured_s = own_time_s()
+            loop_s = (loop_s + self._loop_s) / 2
+        return now_s - self._start_s, loop_s
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         output: dict[str, Any] | None = getattr(session.config, "workeroutput", None)
@@ -160,7 +172,8 @@ class Accountant:
         self._enforced = enforced
         self._times = times
         self._tests_s: list[tuple[str, float]] = []
-        self._folders_s: Counter[str] = Counter()
+        self._folders_s: defaultdict[str, float] = defaultdict(float)
+        self._units: defaultdict[str, float] = defaultdict(float)
         self._loops_s: list[float] = []
         self._workers_s = 0.0
         self._start_s = time.perf_counter()
@@ -173,8 +186,9 @@ class Accountant:
         if report.when == "teardown" and PROPERTY in measured:
             used_s, loop_s = measured[PROPERTY]
             self._folders_s[folder_of(report.nodeid)] += used_s
+            self._units[folder_of(report.nodeid)] += units_of(used_s, loop_s)
             self._tests_s.append((report.nodeid, round(used_s, 3)))
-            self._loops_s += [] if loop_s is None else [loop_s]
+            self._loops_s.append(loop_s)
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
@@ -202,9 +216,8 @@ class Accountant:
         elapsed_s = (time.perf_counter() - self._start_s) * (os.cpu_count() or 1)
         # the time of the workers is their own report: they need not have been waited for yet
         others_s = busy_time_s() - self._busy_s - self._workers_s - time.process_time()
-        return Usage(
-            dict(self._folders_s), median(self._loops_s or [reference_loop_s()]), max(0.0, others_s / elapsed_s)
-        )
+        reference_s = median(self._loops_s or [reference_loop_s()])
+        return Usage(dict(self._folders_s), dict(self._units), reference_s, max(0.0, others_s / elapsed_s))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
