@@ -19,6 +19,7 @@ from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Sequence, Timeout
+from controller.program.operator.buttons import STUCK_MS
 from controller.program.set_points import LONGEST_CUP_X10_MS, ROWS_DIFFER_X10_MS
 from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Side, Tags
 from controller.program.texts.alarms import ALARMS
@@ -41,9 +42,6 @@ CLAW_LIMIT_MS: Final = 3_000
 delayed outputs after 3 s indicates a fault."""
 OFF_HOME_MS: Final = 1_000
 """Delay of the alarm for an arm that is no longer at home, ms; longer than switch bounce."""
-STOP_STUCK_MS: Final = 5_000
-"""Delay of the stuck button alarm, ms. Longer than any intended press of X24; clearing an emergency stop
-requires 3 s."""
 TRAY_LOST_MS: Final = 500
 """Delay of the alarm for a tray at rest that is no longer detected by the front edge sensor, ms; longer than sensor
 bounce."""
@@ -176,6 +174,8 @@ class Annunciators:
         self.cups_implausible = self.add("cups_implausible", number=974)
         self.cups_ground = self.add("cups_ground", number=975)
         self.cups_slow = self.add("cups_slow", number=996, severity=warning)
+        self.start_stuck = self.add("start_stuck", number=997, severity=warning, cause=x.start)
+        self.reset_stuck = self.add("reset_stuck", number=998, severity=warning, cause=x.optional("reset"))
 
     def __iter__(self) -> Iterator[Alarm]:
         """Iterate over all alarms by S number."""
@@ -314,8 +314,8 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
         Set(alarms.outputs_taken, when=system.outputs_taken),
         Set(alarms.outputs_contested, when=system.outputs_contested),
         Rst(alarms.outputs_contested, when=~system.outputs_contested),
-        Annunciate(machine.t_stop_stuck, STOP_STUCK_MS, alarms.stop_stuck, when=x.stop & ~system.link_lost),
-        Rst(alarms.stop_stuck, when=~x.stop),
+        *_stuck_button(tags, machine.t_start, alarms.start_stuck, x.start),
+        *_stuck_button(tags, machine.t_stop, alarms.stop_stuck, x.stop),
         Set(alarms.panel_silent, when=system.panel_silent),
         Rst(alarms.panel_silent, when=~system.panel_silent),
         Set(alarms.memory_lost, when=FIRST_SCAN & system.memory_lost),
@@ -327,11 +327,18 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
             when=all_of(machine.running, ~machine.manual, tray.phase.equals(IN_PLACE), ~tray.edge),
         ),
     ]
+    if (reset := x.optional("reset")) is not None:
+        rungs += _stuck_button(tags, machine.t_reset, alarms.reset_stuck, reset)
     if (air_low := x.optional_off("air_pressure_ok")) is not None:
         rungs.append(Annunciate(Timer(105, "air low"), 5 * MS_100, alarms.air_low, when=air_low))
     if (magazine := x.optional("magazine_empty")) is not None:
         rungs += [Set(alarms.magazine_empty, when=magazine), Rst(alarms.magazine_empty, when=~magazine)]
     return rungs
+
+
+def _stuck_button(tags: Tags, timer: Timer, alarm: Bit, contact: Expr) -> tuple[Rung, Rung]:
+    """Return the rungs that time a closed contact; `buttons` reads the time."""
+    return Annunciate(timer, STUCK_MS, alarm, when=contact & ~tags.system.link_lost), Rst(alarm, when=~contact)
 
 
 def _cup_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:

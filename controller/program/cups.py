@@ -73,12 +73,13 @@ def cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
     """
     machine, sp = tags.machine, tags.sp
     waiting = steps["wait for cups"] | steps["wait to lower"]
-    invalid = FIRST_SCAN | machine.cup_fault
+    invalid, lost = FIRST_SCAN | machine.cup_fault, tags.system.link_lost
     empty = a.cup_counter.done | (a.cups_confirmed & a.count_valid)
     return [
-        Pulse(a.cup_edge, when=a.cup_sensor),
+        Pulse(a.cup_edge, when=a.cup_sensor | lost),
+        Rst(a.cup_edge, when=lost),
         Out(a.cup, when=a.cup_edge & a.t_pulse.done),
-        OnDelay(a.t_pulse, sp.pulse_interval, when=~a.cup_edge & ~tags.system.link_lost),
+        OnDelay(a.t_pulse, sp.pulse_interval, when=~a.cup_edge),
         *_times(tags, a),
         Rst(a.cup_counter, when=invalid),
         Rst(a.missed_cups, when=tags.commands.count_reset),
@@ -110,9 +111,10 @@ def _times(tags: Tags, a: ArmTags) -> list[Rung]:
     sp, change = tags.sp, a.cup_change
     slow_even = all_of(a.flags_slow, change <= SLOW_CHANGE_X10_MS, change >= -SLOW_CHANGE_X10_MS)
     even = slow_even | ((change <= CHANGE_X10_MS) & (change >= -CHANGE_X10_MS))
-    unknown = FIRST_SCAN | tags.system.link_lost
+    lost = tags.system.link_lost
     return [
-        PulseFalling(a.flag_left, when=a.cup_sensor),
+        PulseFalling(a.flag_left, when=a.cup_sensor & ~lost),
+        Rst(a.flag_left, when=lost),
         Out(a.flag_short, when=a.flag_left & (a.t_cup.value < a.flag_shortest)),
         Mov(a.t_cup.value, a.flag_time, when=a.flag_left),
         Add(a.flag_time, FLAG_CHANGE_X10_MS, a.flag_longest, when=a.flag_left),
@@ -121,7 +123,7 @@ def _times(tags: Tags, a: ArmTags) -> list[Rung]:
         Subtract(a.cup_time, a.t_cup.value, a.cup_change, when=a.cup),
         Mov(a.t_cup.value, a.cup_time, when=a.cup),
         Subtract(a.cup_time, a.flag_time, a.gap_time, when=a.cup),
-        Mov(LONGEST_CUP_X10_MS, a.cup_time, when=unknown),
+        Mov(LONGEST_CUP_X10_MS, a.cup_time, when=FIRST_SCAN | lost),
         Subtract(a.cup_time, tags.other(a.side).cup_time, a.row_difference, when=a.cup),
         Rst(a.t_cup, when=a.cup),
         OnDelay(a.t_cup, LONGEST_CUP_X10_MS * MS_10),
@@ -200,12 +202,13 @@ def plausibility(tags: Tags) -> list[Rung]:
 
 def _ground(tags: Tags) -> list[Rung]:
     """Return the rungs that compare the ground travel from cup to cup with its permitted range; none without sensor."""
-    p, cup = tags.planting, tags.arms["left"].cup
+    p, cup, lost = tags.planting, tags.arms["left"].cup, tags.system.link_lost
     if p.ground_sensor is None:
         return []
     pulses = p.cup_pulses.value
     return [
-        Pulse(p.ground_edge, when=p.ground_sensor),
+        Pulse(p.ground_edge, when=p.ground_sensor | lost),
+        Rst(p.ground_edge, when=lost),
         Count(p.cup_pulses, MOST_GROUND_PULSES, when=p.ground_edge),
         Out(
             p.cups_differ,

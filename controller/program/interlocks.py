@@ -18,6 +18,7 @@ from controller.core.rungs import Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.sequence import Sequence
 from controller.iomap.loader import IoMap
 from controller.program.operator.answers import Question
+from controller.program.operator.buttons import due
 from controller.program.operator.commands import ARM_OUTPUTS
 from controller.program.states import State
 from controller.program.tags import IN_PLACE, ArmTags, MachineTags, Side, Tags
@@ -242,7 +243,7 @@ def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules
     resting = any_of(*(state.equals(s) for s in (State.ABORTED, State.ABORTING, State.HELD, State.HOLDING)))
     coil("horn", machine.horn)
     coil("lamp_red", resting | machine.fault)
-    coil("lamp_amber", _signals(machine, amber))
+    coil("lamp_amber", _signals(machine, amber, due(tags)))
     coil("lamp_green", machine.executing)
     return Block("interlocks and outputs", tuple(rungs))
 
@@ -258,8 +259,12 @@ def _signal_timers(machine: MachineTags) -> list[Rung]:
     ]
 
 
-def _signals(machine: MachineTags, amber: Expr) -> Expr:
-    """Return the amber lamp: three short flashes for a refused press, else as many flashes as the question's number."""
+def _signals(machine: MachineTags, amber: Expr, due: tuple[Bit, ...]) -> Expr:
+    """Return the amber lamp.
+
+    It is on while a press has lasted long enough to act on release, gives three short flashes for a refused press, and
+    else as many flashes as the question's number.
+    """
 
     def on(timer: Timer, first_ms: int, for_ms: int) -> Expr:
         return (timer.value >= first_ms // MS_100) & (timer.value < (first_ms + for_ms) // MS_100)
@@ -274,7 +279,7 @@ def _signals(machine: MachineTags, amber: Expr) -> Expr:
     short = any_of(*(on(refused, start, SHORT_FLASH_MS) for start in range(0, REFUSED_LAMP_MS, 2 * SHORT_FLASH_MS)))
     asks = question.differs(0)
     calm = (asks & any_of(*flashes)) | (~asks & amber)
-    return (machine.refused_shown & short) | (~machine.refused_shown & calm)
+    return any_of(machine.refused_shown & short, ~machine.refused_shown & calm, *due)
 
 
 def block_register(tags: Tags, rules: dict[Side, list[Rule]], rules_tray: list[Rule]) -> Block:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from controller.core.expr import FALSE, TRUE, Expr, all_of, any_of
+from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
 from controller.iomap.loader import IoMap
 from controller.program.operator.answers import answer_rungs
+from controller.program.operator.buttons import disarm_rungs, edge_rungs
 from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.operator.next_press import next_press_rungs
 from controller.program.operator.refusals import Orders
 from controller.program.states import HOLDS, MOVING, RUNNING, STOPPABLE, Mode, Reason, State
 from controller.program.tags import FIRST_SCAN, IN_PLACE, MOVING_OUT, STEPPED, Tags
 
-CLEAR_HOLD_MS = 3_000
-"""Time for which X24 must be held to clear an emergency stop, ms."""
 STEP_PRESS_MS = 2_000
 """Time after which an unused press in step mode expires, ms, so that motion does not start long after the press."""
 
@@ -96,31 +95,18 @@ def state_table(tags: Tags) -> list[StateChange]:
 def conditioning(tags: Tags, orders: Orders, io_map: IoMap) -> list[Rung]:
     """Return the rungs that turn buttons and command bits into requests; see `refusals` for their conditions."""
     x, system, machine, commands = tags.x, tags.system, tags.machine, tags.commands
-    state = machine.state
-    button = x.optional("reset")
-    reset = FALSE if button is None else button
     faults = any_of(system.link_lost, system.scan_fault, system.store_fault, system.outputs_taken)
     accepted = orders.accepted
     return [
-        # A button held at power-up produces its edge in the first scan, in which it is ignored.
-        Pulse(machine.start_pressed, when=x.start),
-        Pulse(machine.stop_pressed, when=x.stop | commands.stop),
-        Pulse(machine.reset_pressed, when=reset),
-        *(
-            Rst(button, when=FIRST_SCAN)
-            for button in (machine.start_pressed, machine.stop_pressed, machine.reset_pressed)
-        ),
+        *edge_rungs(tags),
         Out(machine.abort, when=any_of(x.emergency_stop, commands.abort, faults)),
-        Set(machine.clear_armed, when=machine.stop_pressed & state.equals(State.ABORTED)),
         *answer_rungs(tags, io_map),
-        Rst(machine.clear_armed, when=~x.stop | machine.abort | state.differs(State.ABORTED)),
-        OnDelay(machine.stop_held, CLEAR_HOLD_MS, when=machine.clear_armed),
         Out(machine.clear_requested, when=accepted(commands.clear)),
         Out(machine.home_requested, when=accepted(commands.reset)),
         Out(machine.start_requested, when=accepted(commands.start)),
         Out(machine.unhold_requested, when=accepted(commands.unhold)),
         *orders.rungs(),  # before an accepted command changes the conditions of another
-        ZoneReset(machine.yes_armed, machine.no_armed, when=machine.answer_held.done),
+        *disarm_rungs(tags),
         *_holds(tags, orders),
         *_service(tags, orders),
         *_jog(tags, orders),

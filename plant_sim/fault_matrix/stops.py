@@ -115,12 +115,12 @@ def _nothing(_twin: Twin) -> None:
 
 
 STOPS: Final = (
-    StopKind("emergency stop", "released, then X24 held for 3 s", _press_emergency_stop, clear),
+    StopKind("emergency stop", "released, then X24 pressed for 3 s", _press_emergency_stop, clear),
     StopKind(
         "controller off", "the machine keeps its power and its air", _lose_controller, _restore_power, is_blind=True
     ),
     StopKind("power off", "controller, coils and air are off", _lose_power, _restore_power, is_blind=True),
-    StopKind("link lost", "the link returns, then X24 is held for 3 s", _lose_link, _restore_link, is_blind=True),
+    StopKind("link lost", "the link returns, then X24 is pressed for 3 s", _lose_link, _restore_link, is_blind=True),
     StopKind("held, homed", "held by command, then homed", _hold, _nothing),
     StopKind("held, resumed", "held by command, then resumed by command", _hold, _nothing, resumes=True),
     StopKind("stopped", "stopped by X24, then homed", _stop, _nothing),

@@ -1,6 +1,6 @@
 """Answers of an operator who reads the amber lamp and sees the machine.
 
-The reference program asks its questions by flashes and takes X0 (yes) and X24 (no), held for 2 s, as answers
+The reference program asks its questions by flashes and takes presses of X0 (yes) and X24 (no) of 2 to 10 s as answers
 (docs/operating.md, "Answers with X0 and X24"). A program without questions leaves the lamp alone.
 """
 
@@ -15,7 +15,7 @@ LAMP: Final = "lamp_amber"
 PERIOD_MS: Final = 7_000
 """Period after which the lamp repeats its flashes, ms."""
 HOLD_MS: Final = 2_200
-"""Time for which a button is held to answer, ms; 2 s are required."""
+"""Duration of a press that answers, ms; 2 to 10 s are required."""
 LEFT_LOADED, RIGHT_LOADED, SAME_TRAY, FULL_TRAY, NO_TRAY, CUPS_EMPTY = range(1, 7)
 
 

@@ -34,7 +34,7 @@ class BenchLimits:
         home_ms: Longest time of homing, ms.
         cycle_ms: Longest time until a row has been thrown while the machine runs, ms.
         margin_ms: Least increase of the scan time that the controller must tolerate, ms.
-        clear_ms: Time for which the stop button is held to clear an emergency stop, ms.
+        clear_ms: Duration of the press of the stop button that clears an emergency stop, ms.
     """
 
     stop_ms: int = 100

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from controller.core.expr import any_of
-from controller.program.operator.answers import ANSWER_HOLD_MS
+from controller.program.operator.buttons import ANSWER_PRESS_MS
 from controller.program.states import Mode, State
 from controller.program.tags import FORGOTTEN, ROWS, SIDES
 from plant_sim.faults import Fault
@@ -236,9 +236,9 @@ def answers_by_buttons(stage: Stage, side: str, row: int, *, moved: bool) -> Non
 
 
 def _hold(stage: Stage, button: str) -> None:
-    """Hold a button until it answers."""
-    stage.twin.press(button, for_ms=ANSWER_HOLD_MS + 200)
-    stage.twin.run_for(ANSWER_HOLD_MS + 1_000)
+    """Press a button long enough to answer."""
+    stage.twin.press(button, for_ms=ANSWER_PRESS_MS + 200)
+    stage.twin.run_for(ANSWER_PRESS_MS + 1_000)
     stage.end(f"{button} held")
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from controller.program.machine import Transplanter
+from controller.program.operator.buttons import STUCK_MS
 from controller.program.states import State
 from controller.program.tags import ROWS, SIDES
 from plant_sim.stories.story import Stage, Story
@@ -199,8 +200,8 @@ def reset_of_alarms(stage: Stage) -> None:
     """Raise the alarm of a stuck button in Stopped, acknowledge it, and reset it."""
     twin = stage.twin
     twin.scan()
-    twin.press("stop", for_ms=6_000)
-    twin.run_for(5_500)
+    twin.press("stop", for_ms=STUCK_MS + 1_000)
+    twin.run_for(STUCK_MS + 500)
     stage.end("X24 stuck")
     twin.command("acknowledge")
     twin.run_for(1_000)

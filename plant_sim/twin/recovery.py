@@ -12,7 +12,7 @@ from plant_sim.twin.conditions import Quantity
 from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
 
 CLEAR_MS = 3_200
-"""Duration of the X24 press for clearing, ms; 3 s are required."""
+"""Duration of the X24 press for clearing, ms; 3 to 10 s are required."""
 HOMING_LIMIT_MS = 40_000
 AIR_LIMIT_MS = 600_000
 """Maximum wait for air pressure, ms; the compressor fills an empty receiver in less time."""
@@ -40,7 +40,7 @@ def press_emergency_stop(twin: Twin, for_ms: int = 500) -> None:
 
 
 def clear(twin: Twin) -> None:
-    """Release the emergency stop and hold X24 for more than 3 s.
+    """Release the emergency stop, press X24 for more than 3 s and release it.
 
     Raises:
         NotReachedError: The machine stays in Aborted.
@@ -48,7 +48,7 @@ def clear(twin: Twin) -> None:
     twin.plant.box.emergency_stop = False
     twin.run_for(100)
     twin.press("stop", for_ms=CLEAR_MS)
-    twin.run_until_state(State.STOPPED, within_ms=CLEAR_MS)
+    twin.run_until_state(State.STOPPED, within_ms=CLEAR_MS + 100)
     twin.run_for(300)
 
 

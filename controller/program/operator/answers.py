@@ -1,4 +1,4 @@
-"""Answers with the buttons: X0 held means yes, X24 held means no, for one question at a time.
+"""Answers with the buttons: a long press of X0 means yes, of X24 no, for one question at a time.
 
 The buttons answer only while a lamp or a panel shows the question. A press that answers sets the bit of the command
 that gives the same answer, so that its conditions and refusals apply. X0 does not home while it may answer; X24 always
@@ -8,16 +8,13 @@ stops as well. X25 never answers.
 from __future__ import annotations
 
 from enum import IntEnum, auto
-from typing import Final
 
 from controller.core.expr import TRUE, Bit, Expr, all_of, any_of
-from controller.core.rungs import Mov, OnDelay, Out, Rst, Rung, Set
+from controller.core.rungs import Mov, Rung, Set
 from controller.iomap.loader import IoMap
+from controller.program.operator.buttons import release_rungs, released
 from controller.program.states import HOMED_FROM, State
 from controller.program.tags import IN_PLACE, Tags
-
-ANSWER_HOLD_MS: Final = 2_000
-"""Time for which a button must be held to answer, ms; a press that homes or stops is shorter."""
 
 
 class Question(IntEnum):
@@ -74,7 +71,7 @@ def answer_rungs(tags: Tags, io_map: IoMap) -> list[Rung]:
     at_rest = any_of(*(state.equals(each) for each in (*HOMED_FROM, State.STOPPING)))  # X24 stops while it answers
     cups = question.equals(Question.CUPS_EMPTY)
     changed = none | question.differs(machine.question_before)
-    yes, no = (machine.answer_held.done & armed for armed in (machine.yes_armed, machine.no_armed))
+    yes, no = released(machine.yes_due, x.start), released(machine.no_due, x.stop)
     rungs: list[Rung] = [
         Mov(question, machine.question_before),
         Mov(0, question),
@@ -82,18 +79,9 @@ def answer_rungs(tags: Tags, io_map: IoMap) -> list[Rung]:
             Mov(number, question, when=all_of(shown(tags, io_map), when, _answerable(tags, number, at_rest)))
             for number, when in reversed(asked(tags).items())
         ),
-        Out(
-            machine.released_early,
-            when=any_of(
-                machine.yes_armed & ~x.start & ~x.stop,
-                all_of(machine.clear_armed, ~x.stop, ~machine.stop_pressed, ~machine.abort),
-            ),
-        ),
         Set(machine.yes_armed, when=machine.start_pressed & ~none),
-        Set(machine.no_armed, when=all_of(machine.stop_pressed, x.stop, ~none, ~cups)),
-        Rst(machine.yes_armed, when=any_of(~x.start, x.stop, changed)),
-        Rst(machine.no_armed, when=~x.stop | changed),
-        OnDelay(machine.answer_held, ANSWER_HOLD_MS, when=machine.yes_armed | machine.no_armed),
+        Set(machine.no_armed, when=all_of(machine.stop_button, ~none, ~cups)),
+        *release_rungs(tags, changed),
     ]
     given: dict[Bit, list[Expr]] = {}
     for number, (positive, negative) in answers(tags).items():

@@ -9,6 +9,7 @@ from typing import Final
 from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.rungs import Add, Mov, Rung
 from controller.program.operator.answers import Question
+from controller.program.operator.buttons import due
 from controller.program.operator.commands import Command
 from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import HOMED_FROM, Mode, State
@@ -40,6 +41,7 @@ class NextPress(IntEnum):
     LEAVE_ZERO_RETURN = 18
     UNSUSPEND = 19
     JOG = 20
+    RELEASE_NOW = 21
 
 
 _BEFORE_ANSWERS: Final = NextPress.ANSWER_LEFT_LOADED - Question.LEFT_LOADED
@@ -78,6 +80,7 @@ def next_press_rungs(tags: Tags) -> list[Rung]:
     return [
         *(Mov(press, machine.next_press, when=when) for press, when in _table(tags)),
         Add(machine.question, _BEFORE_ANSWERS, machine.next_press, when=machine.question.differs(0)),
+        Mov(NextPress.RELEASE_NOW, machine.next_press, when=any_of(*due(tags))),
     ]
 
 

@@ -12,6 +12,7 @@ from enum import IntEnum, auto
 from controller.common.declarations import Declared
 from controller.core.expr import FALSE, Bit, Expr, all_of, any_of
 from controller.core.rungs import Inc, Mov, Out, Rst, Rung
+from controller.program.operator.buttons import released
 from controller.program.operator.commands import Command
 from controller.program.states import HOMED_FROM, MODE_CHANGES, RUNNING, STOPPABLE, Mode, State
 from controller.program.tags import FORGOTTEN, IN_PLACE, SIDES, Side, Tags
@@ -85,15 +86,15 @@ class Orders:
         self.pressed: dict[Bit, Expr] = {
             commands.reset: any_of(
                 commands.reset,
-                machine.reset_pressed & ~aborted,
+                machine.reset_released & ~aborted,
                 start & at_rest,
             ),
             commands.start: commands.start | all_of(start, ~at_rest, ~steps_by_button),
             commands.stop: machine.stop_pressed,
             commands.clear: any_of(
                 commands.clear,
-                machine.stop_held.done,
-                machine.reset_pressed & aborted,
+                released(machine.clear_due, tags.x.stop),
+                machine.reset_released & aborted,
             ),
             commands.step: commands.step | steps_by_button,
         }

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from controller.core.expr import Bit, Expr, all_of, any_of
+from controller.core.expr import FALSE, Bit, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Out, Rst, Rung, Set
 from controller.core.specification import Requirement
@@ -83,18 +83,25 @@ class MachineMonitor:
         self.restarted = m.bit("restarted", "a coil came on from rest without a button or command")
         self.jogged = m.bit("jogged", "the last scan jogged an output")
         self.jog_unbidden = m.bit("jog without command", "an output is jogged without a command")
-        self.cleared_unbidden = m.bit("clearing without command", "the state is Clearing without X24 or a command")
+        self.cleared_unbidden = m.bit(
+            "clearing without command", "the state is Clearing without the end of a press or a command"
+        )
+        self.stop_on = m.bit("stop on", "X24 was on in the last scan, and the link not lost")
+        self.reset_on = m.bit("reset on", "the reset button was on in the last scan, and the link not lost")
 
     def rungs(self) -> list[Rung]:
         """Return the rungs of the monitor; they follow the outputs in the scan."""
-        tags = self._tags
+        tags, x, lost = self._tags, self._tags.x, self._tags.system.link_lost
         machine, commands = tags.machine, tags.commands
-        buttons = (machine.start_pressed | machine.reset_pressed) & ~FIRST_SCAN
+        reset = x.optional("reset")
+        reset_on = FALSE if reset is None else reset & ~lost
+        pressed = machine.start_pressed & x.start
+        stop_released, reset_released = self.stop_on & ~x.stop, self.reset_on & ~reset_on
         asked = any_of(*commands.jog.values())
         return [
             Out(
                 self.pressed,
-                when=any_of(buttons, commands.start, commands.reset, commands.unhold),
+                when=any_of((pressed | reset_released) & ~FIRST_SCAN, commands.start, commands.reset, commands.unhold),
             ),
             Out(self.restarted, when=all_of(any_coil(tags), ~self.moved, ~self.pressed)),
             Out(self.moved, when=machine.motion),
@@ -102,8 +109,10 @@ class MachineMonitor:
             Out(self.jogged, when=machine.jog.differs(0)),
             Out(
                 self.cleared_unbidden,
-                when=machine.state.equals(State.CLEARING) & ~any_of(tags.x.stop, machine.reset_pressed, commands.clear),
+                when=machine.state.equals(State.CLEARING) & ~any_of(stop_released, reset_released, commands.clear),
             ),
+            Out(self.stop_on, when=x.stop & ~lost),
+            Out(self.reset_on, when=reset_on),
         ]
 
 
@@ -256,8 +265,9 @@ def _of_machine(
             all_of(*(arm.out_of_service for arm in arms)),
         ),
         "motion in the first scan": ("no motion at power-up", moves & FIRST_SCAN),
-        "clearing without X24 or a command": (
-            "only a person who holds X24, presses reset or gives the command ends an emergency stop",
+        "clearing without the end of a press or a command": (
+            "only a person who releases X24 or the reset button, or gives the command, ends an emergency stop; "
+            "a stuck button and a broken wire do not",
             monitor.cleared_unbidden,
         ),
         "restart without a command": ("after a stop, motion requires a new command", monitor.restarted),

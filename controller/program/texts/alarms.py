@@ -306,6 +306,26 @@ _ALARMS: Final = {
             "停止按钮是否释放；stop 的触点、接线和端子（常闭：释放时接通）",
         ),
     ),
+    "start_stuck": AlarmText(
+        Text(
+            "Start button closed for more than 10 s: no effect until it opens",
+            "启动按钮接通超过 10 秒：断开前无效",
+        ),
+        Text(
+            "Start button released? Contact block welded or jammed; wire and terminal of start",
+            "启动按钮是否释放；触点是否粘连或卡住；start 的接线和端子",
+        ),
+    ),
+    "reset_stuck": AlarmText(
+        Text(
+            "Reset button closed for more than 10 s: no effect until it opens",
+            "复位按钮接通超过 10 秒：断开前无效",
+        ),
+        Text(
+            "Reset button released? Contact block welded or jammed; wire and terminal of reset",
+            "复位按钮是否释放；触点是否粘连或卡住；reset 的接线和端子",
+        ),
+    ),
     "hmi_silent": AlarmText(
         Text("Operator panel not responding: holding after the current cycle", "操作面板无响应：完成当前循环后保持"),
         Text(

@@ -192,7 +192,7 @@ _REFUSALS: Final = {
 REFUSALS: Final = Declared("REFUSALS", __name__, _REFUSALS)
 """Reasons for refusing a command, by name of `refusals.Refusal`."""
 
-_HOLD: Final = Text("{question} Hold X0 for 2 s: yes; X24: no", "{question} 按住 X0 2 秒：是；按住 X24：否")
+_HOLD: Final = Text("{question} Press X0 for 2 s: yes; X24: no", "{question} 按 X0 2 秒后松开：是；按 X24：否")
 
 
 def _held(question: Text) -> Text:
@@ -205,27 +205,27 @@ _NEXT_PRESSES: Final = {
     2: Text("press X0 to start", "按 X0 启动"),
     3: Text("fill the magazine, then press X0", "苗盘仓补盘后按 X0"),
     4: Text("press X0 for the next transfer", "按 X0 执行下一步"),
-    5: Text("hold X24 for 3 s to clear", "按住 X24 3 秒清除"),
-    6: Text("release X25, then hold X24 for 3 s", "释放 X25，然后按住 X24 3 秒"),
-    7: Text("remove the fault, then hold X24 for 3 s", "排除故障后按住 X24 3 秒"),
+    5: Text("press X24 for 3 s and release it to clear", "按住 X24 3 秒后松开以清除"),
+    6: Text("release X25, then press X24 for 3 s and release it", "释放 X25，然后按住 X24 3 秒后松开"),
+    7: Text("remove the fault, then press X24 for 3 s and release it", "排除故障后按住 X24 3 秒再松开"),
     8: Text("release X24; if it is not pressed, check its wire", "松开 X24；若未按下，检查其接线"),
     9: _held(QUESTIONS["loaded"].of(SIDES["left"])),
     10: _held(QUESTIONS["loaded"].of(SIDES["right"])),
     11: Text(
-        "Is it the same tray? Hold X0 for 2 s: yes; otherwise remove it",
-        "是否为原苗盘？按住 X0 2 秒：是；否则请取走",
+        "Is it the same tray? Press X0 for 2 s: yes; otherwise remove it",
+        "是否为原苗盘？按 X0 2 秒后松开：是；否则请取走",
     ),
     12: Text(
-        "Is the tray to be treated as full? Hold X0 for 2 s: yes; otherwise remove it",
-        "是否按满盘处理？按住 X0 2 秒：是；否则请取走",
+        "Is the tray to be treated as full? Press X0 for 2 s: yes; otherwise remove it",
+        "是否按满盘处理？按 X0 2 秒后松开：是；否则请取走",
     ),
     13: Text(
-        "Is there no tray at the pick position? Hold X24 for 2 s to feed one; otherwise push it under the sensor",
-        "取苗位没有苗盘？按住 X24 2 秒送入新盘；若有苗盘，请推到传感器下",
+        "Is there no tray at the pick position? Press X24 for 2 s to feed one; otherwise push it under the sensor",
+        "取苗位没有苗盘？按 X24 2 秒后松开送入新盘；若有苗盘，请推到传感器下",
     ),
     14: Text(
-        "Are the cups under the claws empty? Hold X0 for 2 s: yes; otherwise wait for twelve cups",
-        "夹爪下方的苗杯是否为空？按住 X0 2 秒：是；否则等待十二个苗杯",
+        "Are the cups under the claws empty? Press X0 for 2 s: yes; otherwise wait for twelve cups",
+        "夹爪下方的苗杯是否为空？按 X0 2 秒后松开：是；否则等待十二个苗杯",
     ),
     15: Text("answer the question by a command", "请用命令回答问题"),
     16: Text("remove the cause of the alarm, then press X0 to home", "排除报警原因后按 X0 回原点"),
@@ -233,6 +233,7 @@ _NEXT_PRESSES: Final = {
     18: Text("homed; select another mode to start", "已回原点；启动前请选择其他模式"),
     19: Text("unsuspend by command, or press X24 to stop", "用命令解除暂挂，或按 X24 停止"),
     20: Text("jog by command, or press X24 to stop", "用命令点动，或按 X24 停止"),
+    21: Text("release the button now", "现在松开按钮"),
 }
 NEXT_PRESSES: Final = Declared("NEXT_PRESSES", __name__, _NEXT_PRESSES)
 """Next useful press of the operator, by `next_press.NextPress`."""

@@ -37,7 +37,7 @@ def listed(twin: Twin, changes: list[AlarmChange]) -> AlarmList:
 
 
 def test_an_emergency_stop_is_latched_until_it_is_cleared() -> None:
-    """After the alarm is acknowledged and the button released, holding X24 for 3 s empties the list."""
+    """After the alarm is acknowledged and the button released, a press of X24 of 3 s empties the list."""
     changes: list[AlarmChange] = []
     twin = switched_on()
     alarms = listed(twin, changes)
@@ -47,10 +47,10 @@ def test_an_emergency_stop_is_latched_until_it_is_cleared() -> None:
     twin.plant.box.emergency_stop = False
     twin.run_for(100)
     twin.press("stop", for_ms=3_200)
-    twin.run_for(2_900)
+    twin.run_for(3_150)
     (row,) = alarms.rows()
     assert (row.alarm.key, row.state, row.first_out) == ("emergency_stop", LATCHED_ACKNOWLEDGED, True)
-    twin.run_for(300)
+    twin.run_for(100)
     assert alarms.rows() == ()
     assert [change.after for change in changes] == [UNACKNOWLEDGED, ACKNOWLEDGED, LATCHED_ACKNOWLEDGED, NORMAL]
 
@@ -120,6 +120,8 @@ def test_only_warnings_can_be_shelved() -> None:
         "planting_fast",
         "outputs_contested",
         "cups_slow",
+        "start_stuck",
+        "reset_stuck",
     }
     assert shelved.isdisjoint(refused)
     safety = {key for key, reason in refused.items() if "safety" in reason}

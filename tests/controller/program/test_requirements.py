@@ -161,7 +161,7 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
         Case("restart without a command", "restarted", "restarted"),
     ],
     "an emergency stop is ended only by a person": [
-        Case("clearing without X24 or a command", "cleared_unbidden", "cleared_unbidden"),
+        Case("clearing without the end of a press or a command", "cleared_unbidden", "cleared_unbidden"),
     ],
     "one arm at least is in service": [
         Case("both arms out of service", "left.out_of_service right.out_of_service", f"{side}.out_of_service")

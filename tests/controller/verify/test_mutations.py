@@ -227,9 +227,9 @@ MUTATIONS: dict[str, tuple[Change, str]] = {
         "motion during an emergency stop",
     ),
     "the field link is ignored": (everywhere(TAGS.system.link_lost, FALSE), "motion without inputs"),
-    "a tap of X24 clears an emergency stop": (
-        driven(Rst, CONTROL.clear_armed, FALSE, ~TAGS.x.stop),
-        "clearing without X24 or a command",
+    "a closed X24 clears an emergency stop": (
+        driven(Out, CONTROL.clear_requested, TRUE, ~TAGS.x.stop),
+        "clearing without the end of a press or a command",
     ),
     "homing starts without a request": (driven(Out, CONTROL.home_requested, TRUE), "restart without a command"),
     "a jog without renewal continues": (
@@ -256,7 +256,7 @@ SELECTED_MUTATIONS = (
     "a jog without renewal continues",
     "confirmations are accepted while the arm moves",
     "homing starts without a request",
-    "a tap of X24 clears an emergency stop",
+    "a closed X24 clears an emergency stop",
 )
 UNDETECTED: dict[str, Change] = {
     "the jog lease does not run": dropped(OnDelay, CONTROL.t_jog_lease),

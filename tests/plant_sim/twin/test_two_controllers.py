@@ -111,7 +111,7 @@ def test_the_lease_of_a_killed_controller_ends_and_it_is_restarted(stack: ExitSt
 @pytest.mark.nightly
 @pytest.mark.real_time
 def test_the_second_controller_takes_over_when_its_operator_clears_it(stack: ExitStack, tmp_path: Path) -> None:
-    """Killed with SIGKILL, the owner is gone; X24 held for 3 s clears the second one, which then writes."""
+    """Killed with SIGKILL, the owner is gone; X24 pressed for 3 s clears the second one, which then writes."""
     port, _ = real_time_plant(stack)
     operator = stack.enter_context(Operator("127.0.0.1", port))
     first = controller(stack, port, tmp_path / "first")

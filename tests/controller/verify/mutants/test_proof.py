@@ -98,7 +98,9 @@ def test_shared_execution_equals_a_complete_one(*, first: bool) -> None:
 
 
 KNOWN = {
-    "buttons and commands: RST clear armed: stop (n.c.) dropped": "clearing without X24 or a command",
+    "buttons and commands: OUT clear requested: stop (n.c.) dropped": (
+        "clearing without the end of a press or a command"
+    ),
     "interlocks and outputs: OUT left.lift_extend: ~left.loaded | ~left.at feed | left.is spread dropped": (
         "left: down over the cups with a load, not spread"
     ),
@@ -108,7 +110,7 @@ KNOWN = {
 
 @pytest.mark.parametrize(("name", "goal"), KNOWN.items())
 def test_mutants_that_survived_are_killed(name: str, goal: str) -> None:
-    """A tap of X24 no longer clears an emergency stop, and a load is no longer lowered half spread, unnoticed."""
+    """A stuck X24 no longer clears an emergency stop, and a load is no longer lowered half spread, unnoticed."""
     assert goal in proof().violated(mutants()[name].program)
 
 
@@ -128,7 +130,7 @@ def test_the_shared_proof_of_the_original_program_has_no_violation() -> None:
 def test_a_preset_changes_durations_only() -> None:
     name = "buttons and commands: OUT jog lease: 600 ms instead of 300 ms"
     assert proof().differs_in_time_only(mutants()[name].program)
-    other = "buttons and commands: RST clear armed: stop (n.c.) dropped"
+    other = "buttons and commands: OUT clear requested: stop (n.c.) dropped"
     assert not proof().differs_in_time_only(mutants()[other].program)
 
 
