@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Final
 
 from controller.core.devices import MS_100
-from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
+from controller.core.expr import FALSE, TRUE, Bit, Expr, Timer, all_of, any_of
 from controller.core.rungs import Out, Pulse, Rst, Rung, Set
 from controller.program.states import State
 from controller.program.tags import FIRST_SCAN, Tags
@@ -52,7 +52,7 @@ def release_rungs(tags: Tags, changed: Expr) -> list[Rung]:
     yes, no, clear = machine.yes_armed, machine.no_armed, machine.clear_armed
     start, stop = machine.t_start, machine.t_stop
     reset = x.optional("reset")
-    reset_ends = FALSE if reset is None else ~reset
+    reset_ends = TRUE if reset is None else ~reset
     return [
         Set(clear, when=machine.stop_button & aborted),
         Rst(clear, when=_void(tags, stop) | x.start | machine.abort | ~aborted),

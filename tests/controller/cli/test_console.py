@@ -92,7 +92,7 @@ def test_acknowledge_also_silences_the_horn() -> None:
 def test_a_warning_is_shelved_and_unshelved() -> None:
     rig = ConsoleRig()
     rig.twin.plant.box.stop = True
-    rig.twin.run_for(6_000)
+    rig.twin.run_for(11_000)
     (row,) = rig.alarms.rows()
     rig.type(f"shelve {row.alarm.bit.number} 10")
     assert rig.alarms.rows()[0].state is AlarmState.SHELVED
