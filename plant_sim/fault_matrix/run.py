@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.program.operator.buttons import STUCK_MS
 from controller.program.states import State
 from controller.program.tags import SIDES
 from plant_sim.crop.seedling import CELLS_ALONG, SeedlingCounts
@@ -23,7 +24,7 @@ TRAY_LIMIT_MS = 300_000
 """Time limit for a tray if the machine does not stop, ms; at 45 cups/min a tray takes 50 s."""
 START_MS = 5_000
 """Time between the instants from which a case can continue, ms."""
-OBSERVATION_MS = 6_000
+OBSERVATION_MS = STUCK_MS + 1_000
 """Observation time of a stopped machine before the repair, ms; every alarm at standstill is raised by then."""
 SUSPENDED_MS = 10_000
 """Time limit for a Suspended machine to resume, ms."""

@@ -90,7 +90,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     yield "the monitor records that motion is allowed", _implies(control.motion, moved)
     yield "the monitor records the jog", _implies(control.jog.differs(0), safety.machine.jogged)
     yield "a press that may clear is one of X24", _implies(control.clear_armed, safety.machine.stop_on)
-    yield "a press of the reset button is one", _implies(control.reset_armed, safety.machine.reset_on)
+    yield "a press that may reset is one of the reset button", _implies(control.reset_armed, safety.machine.reset_on)
     yield "the manual relay is on only in manual mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
     yield "the manual relay is on in manual mode", _implies(control.mode.equals(Mode.MANUAL), control.manual)
     jogs = control.mode.equals(Mode.MANUAL) & control.state.equals(State.EXECUTE)

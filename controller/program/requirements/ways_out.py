@@ -73,6 +73,11 @@ def _is(machine: Transplanter, *states: State) -> Expr:
     return any_of(*(machine.tags.machine.state.equals(state) for state in states))
 
 
+def _stopped(machine: Transplanter) -> Expr:
+    """Return the condition of Stopped while the reset button is not pressed, since its release begins homing."""
+    return _is(machine, State.STOPPED) & ~machine.tags.machine.reset_armed
+
+
 def _to_stopped(machine: Transplanter) -> Iterator[WayOut]:
     tags, operator = machine.tags, _OperatorPresses(machine)
     stop = dict([_terminal(tags.x.emergency_stop, active=True)])
@@ -86,7 +91,7 @@ def _to_stopped(machine: Transplanter) -> Iterator[WayOut]:
 
 def _from_stopped(machine: Transplanter) -> Iterator[WayOut]:
     tags, operator = machine.tags, _OperatorPresses(machine)
-    stopped = _is(machine, State.STOPPED)
+    stopped = _stopped(machine)
     for mode, command in tags.commands.modes.items():
         wanted = tags.machine.mode.equals(mode)
         yield WayOut(
@@ -125,7 +130,7 @@ def _of_service(machine: Transplanter) -> Iterator[WayOut]:
     tags, operator = machine.tags, _OperatorPresses(machine)
     for side, arm in tags.arms.items():
         out, back = tags.commands.out_of_service[side], tags.commands.in_service[side]
-        stopped = _is(machine, State.STOPPED)
+        stopped = _stopped(machine)
         yield WayOut(
             f"{side} arm: out of service from Stopped, at feed, other arm in service",
             all_of(stopped, arm.at_feed, ~tags.other(side).out_of_service),
