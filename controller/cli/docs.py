@@ -15,7 +15,6 @@ from controller.core.sequence import Step
 from controller.fx.language.instruction_set import FORMS, KINDS
 from controller.fx.language.special_devices import PROVIDED
 from controller.program.alarms import Alarm, Severity
-from controller.program.interlocks import Rule
 from controller.program.machine import Transplanter
 from controller.program.operator.refusals import Refusal
 from controller.program.requirements.proof import specification
@@ -178,10 +177,10 @@ def interlock_tables(machine: Transplanter) -> str:
     parts = [
         f"# Interlocks\n\n{GENERATED}\n\nAn output is on only while it is requested and all of its rules allow it.\n"
     ]
-    groups: dict[str, list[Rule]] = {f"{side} arm": rules for side, rules in machine.rules.items()}
-    for name, rules in {**groups, "tray": machine.tray_rules}.items():
+    for name, rules in machine.rule_groups.items():
         rows = [(rule.number, rule.name, rule.reason, ", ".join(rule.outputs), readable(rule.allow)) for rule in rules]
-        parts.append(f"## {name}\n\n{table(('', 'rule', 'reason', 'outputs', 'allowed while'), rows)}")
+        title = f"{name} arm" if name in machine.rules else name
+        parts.append(f"## {title}\n\n{table(('', 'rule', 'reason', 'outputs', 'allowed while'), rows)}")
     spec = specification(machine)
     never = [(each.name, each.reason, readable(each.never)) for each in spec.requirements]
     parts.append(

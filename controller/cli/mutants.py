@@ -82,8 +82,7 @@ def judged(judgement: Judgement, chosen: Sequence[Mutant], command: Sequence[str
 
 def without_rule(machine: Transplanter, build: Callable[..., Transplanter]) -> dict[str, Callable[[], Program]]:
     """Return functions that return the program without one interlock rule, by name of the rule."""
-    groups = [*machine.rules.items(), ("tray", machine.tray_rules)]
-    names = [f"{group}: {rule.name}" for group, rules in groups for rule in rules]
+    names = [f"{group}: {rule.name}" for group, rules in machine.rule_groups.items() for rule in rules]
     return {name: partial(_program_without, build, name) for name in names}
 
 

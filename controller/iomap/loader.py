@@ -93,6 +93,11 @@ class Point:
         """True if the terminal is off while the point is active."""
         return self.polarity in (Polarity.NORMALLY_CLOSED, Polarity.ACTIVE_LOW)
 
+    @property
+    def moves(self) -> bool:
+        """True for an output that moves something; it is off in an emergency stop."""
+        return self.device == OUTPUT.device and self.tag not in OUTPUT.moves_nothing
+
     def level(self, active: bool) -> bool:
         """Return the raw terminal level of a logical state."""
         return active != self.inverted
@@ -338,7 +343,12 @@ def _read_point(section: str, located: LocatedMapping, kind: PointKind) -> Point
         register = validated(RegisterEntry, located, kind)
         return None if register is None else _register(register, line)
     entry = validated(OptionalEntry if section == OPTIONAL else Entry, located, kind)
-    return None if entry is None else _point(entry, kind, line)
+    if entry is None:
+        return None
+    point = _point(entry, kind, line)
+    if point.moves and point.safe:
+        located.add_fault(("safe",), "active would move the machine in a fault; write inactive")
+    return point
 
 
 def _register(entry: RegisterEntry, line: int) -> OutputRegister:

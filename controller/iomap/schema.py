@@ -10,7 +10,7 @@ from typing import Annotated, Final, Literal, cast
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from controller.common.declarations import Declared
+from controller.common.declarations import DeclarationError, Declared
 from controller.common.yaml_lines import shown
 from controller.common.yaml_model import StrictModel
 
@@ -51,6 +51,8 @@ class PointKind:
         polarities: The two valid polarities; none for a register.
         required: Tags that the machine requires.
         optional: Tags that the program uses only if they are wired.
+        moves_nothing: Tags of lamps and horns, which may be on in an emergency stop. Every other output counts as one
+            that moves something.
     """
 
     noun: str
@@ -60,6 +62,11 @@ class PointKind:
     polarities: tuple[Polarity, ...]
     required: tuple[str, ...]
     optional: tuple[str, ...]
+    moves_nothing: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if moving := sorted({*self.moves_nothing} - {*self.optional}):
+            raise DeclarationError(f"{moving[0]!r} cannot be declared as moving nothing: it is no optional {self.noun}")
 
     def section_of(self, tag: str) -> str:
         """Return the section of the file that contains a tag."""
@@ -104,6 +111,7 @@ OUTPUT = PointKind(
         "tray_forward",
     ),
     optional=("horn", "lamp_red", "lamp_amber", "lamp_green"),
+    moves_nothing=("horn", "lamp_red", "lamp_amber", "lamp_green"),
 )
 REGISTER = PointKind(
     noun="output register",

@@ -29,6 +29,10 @@ BELT = ("spread", "converge")
 CLAWS = ("claws_open", "claws_close")
 
 
+_MOTION_ALLOWED: Final = (
+    "motion allowed",
+    "no motion during an emergency stop or in a state that does not allow it",
+)
 SHORT_FLASH_MS: Final = 200
 """Duration of a flash for a refused press, and of the pause after it, ms."""
 REFUSED_LAMP_MS: Final = 1_200
@@ -60,7 +64,7 @@ class Rule:
 
 def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[Rule]:
     """Return all rules for the outputs of one arm."""
-    x, sp, machine, tray = tags.x, tags.sp, tags.machine, tags.tray
+    sp, machine, tray = tags.sp, tags.machine, tags.tray
     a, other = tags.arms[side], tags.other(side)
     want = a.want
     clamping_place = (a.at_wanted_row & a.down) | a.at_feed
@@ -74,12 +78,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
     )
     table = [
         *_one_of_a_pair(want),
-        (
-            "motion allowed",
-            "no motion during an emergency stop or in a state that does not allow it",
-            ARM_OUTPUTS,
-            machine.motion & ~x.emergency_stop,
-        ),
+        (*_MOTION_ALLOWED, ARM_OUTPUTS, _motion_allowed(tags)),
         ("no arm fault", "a jammed actuator is no longer driven", ARM_OUTPUTS, ~a.fault | machine.jogging),
         (
             "belt at rest",
@@ -189,21 +188,26 @@ def _one_of_a_pair(want: Mapping[str, Bit]) -> list[tuple[str, str, tuple[str, .
 
 def tray_rules(tags: Tags) -> list[Rule]:
     """Return all rules for the conveyor."""
-    tray, arms, machine, x = tags.tray, tags.arms, tags.machine, tags.x
+    tray, arms, machine = tags.tray, tags.arms, tags.machine
     at_feed = all_of(*(arm.at_feed for arm in arms.values()))
     inward = any_of(*(arm.want["slide_inward"] for arm in arms.values()))
     both = ("tray_run", "tray_forward")
     return [
-        Rule(
-            1,
-            "motion allowed",
-            "no motion during an emergency stop or in a state that does not allow it",
-            both,
-            machine.motion & ~x.emergency_stop,
-        ),
+        Rule(1, *_MOTION_ALLOWED, both, _motion_allowed(tags)),
         Rule(2, "arms at feed", "a moving tray would damage an arm in it", both, at_feed & ~inward),
         Rule(3, "no feeder fault", "a jammed tray is no longer driven", both, ~tray.fault | machine.jogging),
     ]
+
+
+def other_rules(tags: Tags) -> list[Rule]:
+    """Return the rules for all other outputs of the I/O map that move something."""
+    known = {*tray_requests(tags), *(f"{side}.{output}" for side in tags.arms for output in ARM_OUTPUTS)}
+    others = tuple(tag for tag in tags.moving if tag not in known)
+    return [Rule(1, *_MOTION_ALLOWED, others, _motion_allowed(tags))]
+
+
+def _motion_allowed(tags: Tags) -> Expr:
+    return tags.machine.motion & ~tags.x.emergency_stop
 
 
 def granted(request: Expr, output: str, rules: list[Rule]) -> Expr:
@@ -220,7 +224,14 @@ def tray_requests(tags: Tags) -> dict[str, Expr]:
     }
 
 
-def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules_tray: list[Rule]) -> Block:
+def other_requests(tags: Tags) -> dict[str, Expr]:  # noqa: ARG001 - an added output reads them
+    """Return the requests for other outputs that move something, by tag; the delivered machine has none."""
+    return {}
+
+
+def output_block(
+    tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules_tray: list[Rule], rules_others: list[Rule]
+) -> Block:
     """Return the block that writes every Y exactly once."""
     arms, machine = tags.arms, tags.machine
     rungs: list[Rung] = []
@@ -236,6 +247,8 @@ def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules
             coil(f"{side}.{output}", granted(arm.want[output], output, rules[side]))
     for output, request in tray_requests(tags).items():
         coil(output, granted(request, output, rules_tray))
+    for output, request in other_requests(tags).items():
+        coil(output, granted(request, output, rules_others))
     state = machine.state
     blink = Bit("M", CLOCK_1_S, "1 s clock", "on for the first half of every second")
     amber = any_of(*(state.equals(s) for s in (State.SUSPENDED, State.RESETTING, State.STOPPING))) & blink

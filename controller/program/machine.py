@@ -15,7 +15,14 @@ from controller.iomap.loader import IoMap
 from controller.program import arm, home, modes, tray
 from controller.program.alarms import Annunciators, ArmAlarms, StepLimits, alarm_block
 from controller.program.cups import plausibility
-from controller.program.interlocks import Rule, arm_rules, block_register, output_block, tray_rules
+from controller.program.interlocks import (
+    Rule,
+    arm_rules,
+    block_register,
+    other_rules,
+    output_block,
+    tray_rules,
+)
 from controller.program.operator.commands import ARM_OUTPUTS, JOGGED
 from controller.program.operator.next_press import NextPress
 from controller.program.operator.refusals import Orders, Refusal
@@ -42,6 +49,14 @@ class Transplanter:
     states: list[modes.StateChange]
     rules: dict[Side, list[Rule]]
     tray_rules: list[Rule]
+    other_rules: list[Rule]
+
+    @property
+    def rule_groups(self) -> dict[str, list[Rule]]:
+        """All interlock rules that apply to an output of the I/O map, by group."""
+        groups: dict[str, list[Rule]] = {side: self.rules[side] for side in SIDES}
+        groups |= {"tray": self.tray_rules, "other outputs": self.other_rules}
+        return {name: rules for name, rules in groups.items() if any(rule.outputs for rule in rules)}
 
 
 class RuleError(InputError):
@@ -75,9 +90,9 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
     _require_owners(sequences)
     states = modes.state_table(tags)
     rules = {side: arm_rules(tags, side, cycles[side], homings[side]) for side in SIDES}
-    rules_tray = tray_rules(tags)
+    rules_tray, rules_others = tray_rules(tags), other_rules(tags)
     if without:
-        _leave_out([*rules.items(), ("tray", rules_tray)], without)
+        _leave_out([*rules.items(), ("tray", rules_tray), ("other outputs", rules_others)], without)
     orders = Orders(tags)
     blocks = (
         Block("buttons and commands", tuple(modes.conditioning(tags, orders, io_map))),
@@ -102,7 +117,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         _requests(tags, sequences),
         planting_block(tags, alarms, cycles),
         alarm_block(tags, alarms, arm_alarms, sequences),
-        output_block(tags, io_map, rules, rules_tray),
+        output_block(tags, io_map, rules, rules_tray, rules_others),
         Block("coil memory", tuple(rung for side in SIDES for rung in arm.coils_memory(tags.arms[side]))),
         block_register(tags, rules, rules_tray),
         Block("commands consumed", (tags.commands.consumed(),)),
@@ -115,7 +130,9 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         set_points=tuple(tags.sp.defaults),
         output_words=() if tags.planting.planter_speed is None else (tags.planting.planter_speed,),
     )
-    return Transplanter(io_map, program, orders, tags, alarms, cycles, homings, feeder, states, rules, rules_tray)
+    return Transplanter(
+        io_map, program, orders, tags, alarms, cycles, homings, feeder, states, rules, rules_tray, rules_others
+    )
 
 
 def _require_texts(tags: Tags) -> None:

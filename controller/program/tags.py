@@ -12,7 +12,7 @@ from typing import Final, Literal, TypeVar
 
 from controller.common.declarations import Declared
 from controller.core.devices import INITIAL_PULSE
-from controller.core.expr import Bit, Counter, Timer, Word
+from controller.core.expr import Bit, Counter, Expr, Timer, Word
 from controller.iomap.loader import IoMap
 from controller.program.areas import Area
 from controller.program.inputs import Inputs, System, driven
@@ -391,13 +391,16 @@ class Tags:
     arms: dict[Side, ArmTags]
     tray: TrayTags
     planting: PlantingTags
+    moving: dict[str, Expr]
+    """Conditions that the outputs of the map that move something were on in the last scan, by tag."""
 
     @classmethod
     def of(cls, io_map: IoMap) -> Tags:
         """Return the tags of the program for an I/O map."""
         arms = {side: ArmTags(side, io_map) for side in SIDES}
         machine, tray, planting = MachineTags(), TrayTags(io_map), PlantingTags(io_map, SIDES)
-        return cls(Inputs(io_map), System(), Commands(), SetPoints(), machine, arms, tray, planting)
+        moving = {point.tag: driven(point) for point in io_map.outputs if point.moves}
+        return cls(Inputs(io_map), System(), Commands(), SetPoints(), machine, arms, tray, planting, moving)
 
     def other(self, side: Side) -> ArmTags:
         """Return the tags of the opposite arm."""

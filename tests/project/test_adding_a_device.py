@@ -1,4 +1,4 @@
-"""Guide "Adding a device": its edits to four source files work in a copy of the project."""
+"""Guide "Adding a device": its edits for a sensor and for an output work in a copy of the project."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ GUIDE: Final = (DOCS / "adding-a-device.md").read_text(encoding="utf-8")
 SOURCE_FILES: Final = 4
 NODE_MODULES: Final = "tests/controller/hmi/mitsubishi/node/node_modules"
 """Installed, not tracked."""
-SCENARIO: Final = "tests/controller/program/test_guard_door.py"
+SCENARIOS: Final = ("tests/controller/program/test_guard_door.py", "tests/controller/program/test_tray_clamp.py")
 TESTS: Final = (
-    SCENARIO,
+    *SCENARIOS,
     "tests/controller/program/test_alarm_texts.py",
     "tests/controller/program/test_permanent_numbers.py",
     "tests/project/test_docs.py::test_reference_tables_are_those_of_program_and_plant",
@@ -44,9 +44,9 @@ ALL_TESTS: Final = (
 )
 
 
-def blocks(language: str) -> list[str]:
+def blocks(language: str, text: str = GUIDE) -> list[str]:
     """Return the fenced blocks of one language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
 
 
 def apply(block: str, root: Path) -> str:
@@ -69,8 +69,8 @@ def apply(block: str, root: Path) -> str:
     return name
 
 
-def run(root: Path, *arguments: str, timeout_s: float) -> str:
-    """Run Python in a source tree and return its output; on failure, fail the test with that output."""
+def run(root: Path, *arguments: str, timeout_s: float, code: int = 0) -> str:
+    """Run Python in a source tree and return its output; on another exit code, fail the test with that output."""
     environment = {**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(root.with_name("machine-code"))}
     done = subprocess.run(
         [sys.executable, *arguments],
@@ -81,7 +81,7 @@ def run(root: Path, *arguments: str, timeout_s: float) -> str:
         timeout=timeout_s,
         check=False,
     )
-    assert done.returncode == 0, f"{shlex.join(arguments)}:\n{done.stdout[-6_000:]}{done.stderr[-2_000:]}"
+    assert done.returncode == code, f"{shlex.join(arguments)}:\n{done.stdout[-6_000:]}{done.stderr[-2_000:]}"
     return done.stdout
 
 
@@ -99,11 +99,12 @@ def edited(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copy2(ROOT / name, target)
     give_machine_code(root / "plant_sim", root.with_name("machine-code"))
     (root / NODE_MODULES).symlink_to(ROOT / NODE_MODULES)
-    files = {apply(block, root) for block in blocks("diff")}
-    assert len([name for name in files if not name.startswith("docs/")]) <= SOURCE_FILES, sorted(files)
-    (scenario,) = blocks("python")
-    (root / SCENARIO).write_text(f'"""Guard door."""\n\n{scenario}', encoding="utf-8")
-    (commands,) = blocks("sh")
+    for part in GUIDE.split("\n## "):
+        files = {apply(block, root) for block in blocks("diff", part)}
+        assert len([name for name in files if not name.startswith("docs/")]) <= SOURCE_FILES, sorted(files)
+    for name, scenario in zip(SCENARIOS, blocks("python"), strict=True):
+        (root / name).write_text(f'"""Scenario of the guide."""\n\n{scenario}', encoding="utf-8")
+    _, commands = blocks("sh")
     for command in commands.splitlines():
         program, *arguments = shlex.split(command)
         if program == ".venv/bin/python":
@@ -118,6 +119,16 @@ def pytest_in(root: Path, *arguments: str, timeout_s: float) -> str:
 
 def test_the_edits_of_the_guide_pass_the_tests(edited: Path) -> None:
     assert " passed" in pytest_in(edited, *TESTS, timeout_s=280)
+
+
+def test_the_added_output_is_proved_and_its_missing_rule_is_found(edited: Path) -> None:
+    """Without the rule, the proof ends with a trace in which the added output is on in an emergency stop."""
+    commands, _ = blocks("sh")
+    proved, violated = (shlex.split(command)[1:] for command in commands.splitlines())
+    assert "proved:" in run(edited, *proved, timeout_s=120)
+    trace = run(edited, *violated, timeout_s=120, code=1)
+    assert "motion during an emergency stop: violated" in trace
+    assert re.search(r"outputs: .*tray_clamp on", trace), trace
 
 
 @pytest.mark.weekly
@@ -137,7 +148,7 @@ def test_the_edits_are_formatted(edited: Path) -> None:
     ruff = Path(sys.executable).with_name("ruff")
     for arguments in (["check"], ["format", "--check"]):
         done = subprocess.run(
-            [ruff, *arguments, "--no-cache", "controller/program", "controller/iomap", "plant_sim/machine", SCENARIO],
+            [ruff, *arguments, "--no-cache", "controller/program", "controller/iomap", "plant_sim/machine", *SCENARIOS],
             cwd=edited,
             capture_output=True,
             text=True,

@@ -117,9 +117,8 @@ class MachineMonitor:
 
 
 def any_coil(tags: Tags) -> Expr:
-    """Return the condition that any coil that causes motion is on."""
-    arms = (coil for arm in tags.arms.values() for coil in arm.coils.values())
-    return any_of(*arms, *tags.tray.driven.values())
+    """Return the condition that any output of the I/O map that moves something is on."""
+    return any_of(*tags.moving.values())
 
 
 class Safety:

@@ -313,6 +313,7 @@ ENTRY_FAULTS = [
     ("start", "safe:", "[safe]: no, safe:", "a list is not a valid key; write a word"),
     ("start", '"start button pressed"', '""', f"meaning: cannot be ''; {MEANING_REMEDY}"),
     ("start", '"start button pressed"', "{a: {b: c}}", f"meaning: cannot be a mapping; {MEANING_REMEDY}"),
+    ("tray_run", "safe: inactive", "safe: active", "safe: active would move the machine in a fault; write inactive"),
     ("horn", "wired: false", "wired: no", "wired: cannot be 'no'; write true or false"),
     ("horn", "wired: false", "wired: 0", "wired: cannot be 0; write true or false"),
     ("horn", "wired: false", "wird: false", "wird: unknown key; did you mean wired?"),

@@ -117,7 +117,7 @@ def outputs_alone(without: Rule | None = None) -> Plc:
     """Return a PLC that runs only the output block, optionally without one of its rules."""
     rules = {side: [rule for rule in MACHINE.rules[side] if rule is not without] for side in SIDES}
     rules_tray = [rule for rule in MACHINE.tray_rules if rule is not without]
-    block = output_block(TAGS, MACHINE.io_map, rules, rules_tray)
+    block = output_block(TAGS, MACHINE.io_map, rules, rules_tray, MACHINE.other_rules)
     return Plc(Program("outputs", (block,), outputs=OUTPUTS), input_filter_ms=0)
 
 
