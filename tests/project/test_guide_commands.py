@@ -55,11 +55,12 @@ NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILI
 NOT_RUN_COUNT: Final = 7
 RUN_ELSEWHERE: Final = re.compile(
     r"scripts/test\b|\.venv/bin/python -m controller (prove$|capture record|run --real-time-priority)"
-    r"|scripts/bench\b"
+    r"|scripts/bench\b|\.venv/bin/python -m controller prove .*(tray moves while clamped|other outputs)"
 )
 """Commands that are covered elsewhere: `scripts/test` runs this test, test_scenario_guide.py runs the checks of the
 scenario guide, test_prove.py runs the complete proof, test_capture.py the proxy, test_real_time.py the priority, which
-a system may refuse, and test_parts.py every part of the benchmark."""
+a system may refuse, test_parts.py every part of the benchmark, and test_adding_a_device.py the proof of the added
+output."""
 PAPERS: Final = {
     f".venv/bin/python -m {command}"
     for paper in get_args(PaperName)

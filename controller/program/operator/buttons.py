@@ -50,7 +50,7 @@ def release_rungs(tags: Tags, changed: Expr) -> list[Rung]:
     x, machine = tags.x, tags.machine
     aborted = machine.state.equals(State.ABORTED)
     yes, no, clear = machine.yes_armed, machine.no_armed, machine.clear_armed
-    start, stop = machine.t_start, machine.t_stop
+    start, stop, lost = machine.t_start, machine.t_stop, tags.system.link_lost
     reset = x.optional("reset")
     reset_ends = TRUE if reset is None else ~reset
     return [
@@ -62,7 +62,7 @@ def release_rungs(tags: Tags, changed: Expr) -> list[Rung]:
         Out(machine.no_due, when=no & _lasts(stop, ANSWER_PRESS_MS)),
         Out(machine.clear_due, when=clear & _lasts(stop, CLEAR_PRESS_MS)),
         Set(machine.reset_armed, when=machine.reset_pressed),
-        Rst(machine.reset_armed, when=_void(tags, machine.t_reset)),
+        Rst(machine.reset_armed, when=lost if reset is None else _void(tags, machine.t_reset)),
         Out(machine.reset_released, when=machine.reset_armed & reset_ends),
         Out(
             machine.released_early,

@@ -323,7 +323,7 @@ _ALARMS: Final = {
         ),
         Text(
             "Reset button released? Contact block welded or jammed; wire and terminal of reset",
-            "复位按钮是否释放；触点是否粘连或卡住；reset 的接线和端子",
+            "复位按钮是否释放；触点是否粘连或卡住；其接线和端子",
         ),
     ),
     "hmi_silent": AlarmText(
