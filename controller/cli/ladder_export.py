@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.cli.machine import add_io_map, machine_of
+from controller.cli.start_values import add_start_values, start_values
 from controller.core.expr import Bit
 from controller.core.program import Program
 from controller.core.rungs import written_devices
@@ -49,12 +50,13 @@ def add_export(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="inputs and outputs on a supervised field link, or terminals of the PLC itself; "
         "default: modbus for openplc and codesys, terminals for fx2n and plain",
     )
+    add_start_values(export_, example="arms_may_meet=1")
     add_io_map(export_)
 
 
 def _export(options: argparse.Namespace) -> int:
     machine = machine_of(options)
-    program = machine.program
+    program = machine.program.with_set_points(start_values(machine.tags.sp, options))
     pulses = stepper_output(program) if options.stepper == "plsy" else None
     report = TARGETS[options.target](PackageSource(program, machine.io_map, pulses, options.io), options.out)
     exported = program if report.complete else acting(program)

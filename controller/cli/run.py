@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from controller.cli.run_field import (
     wait_for_field,
 )
 from controller.cli.run_operator import add_hmi_arguments, add_mitsubishi_arguments, operator_interfaces
+from controller.cli.start_values import add_start_values, start_values
 from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter, new_file_problem
 from controller.common.command_line import version
 from controller.common.errors import InputError
@@ -37,7 +38,6 @@ from controller.common.real_time import (
 from controller.common.service_manager import READY, ServiceManager
 from controller.common.stop_request import Stop, StopRequest
 from controller.core.clock import MonotonicClock, utc_ms, utc_text
-from controller.core.expr import Word
 from controller.core.retentive_store import DamagedStoreError, FileStore
 from controller.core.scan import Plc
 from controller.io.captured_plc import CapturedPlc
@@ -49,7 +49,6 @@ from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWrite
 from controller.io.runtime import Runtime
 from controller.iomap.digest import map_digest
 from controller.program.machine import Transplanter
-from controller.program.set_points import SetPointError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,14 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
     add_real_time_arguments(parser)
     parser.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        dest="set_points",
-        help="initial value of a set-point, e.g. trays_target=2; may be repeated",
-    )
+    add_start_values(parser, example="trays_target=2")
     parser.add_argument("--language", choices=("en", "zh"), default="en", help="language of the texts")
     parser.add_argument(
         "--events", choices=("text", "json"), default="text", help="format of the events on standard output"
@@ -283,8 +275,10 @@ def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Ite
         raise InputError(f"--retain {options.retain}: {error}") from error
     try:
         _restore(machine, plc, store)
-        for word, value in _set_points(machine, options.set_points):
+        for word, value in start_values(machine.tags.sp, options).items():
             plc.write(word, value)
+        for name, (value, default) in machine.tags.sp.changed(plc.read).items():
+            print(f"machine constant {name}: {value} instead of {default}", file=sys.stderr, flush=True)
         try:
             store.save(plc.retained())
         except OSError as error:
@@ -315,14 +309,3 @@ def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
             raise InputError(f"--retain {store.path}: {refused.strerror}; choose a writable file") from refused
         print(f"{prefix}{error}; renamed to {aside}", file=sys.stderr)
         plc.write(machine.tags.system.memory_lost, 1)
-
-
-def _set_points(machine: Transplanter, assignments: Sequence[str]) -> list[tuple[Word, int]]:
-    values = []
-    for text in assignments:
-        name, _, value = text.partition("=")
-        try:
-            values.append(machine.tags.sp.checked(name, value))
-        except SetPointError as error:
-            raise InputError(f"--set {text}: {error}") from error
-    return values

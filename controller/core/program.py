@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from collections.abc import Sequence as Rows
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from controller.common.declarations import DeclarationError
@@ -45,6 +45,8 @@ class Program:
         system: Bits written by the runtime before a scan (commands, link state).
         set_points: Words written by the runtime, with their default values.
         output_words: Data registers that the runtime writes to the field I/O, besides Y.
+        constants: Set-points that are written at each start and never retained, whatever their number.
+        valid: Valid values of retentive words; every value of a word that is not listed is valid.
     """
 
     name: str
@@ -53,11 +55,18 @@ class Program:
     system: tuple[Bit, ...] = ()
     set_points: tuple[tuple[Word, int], ...] = ()
     output_words: tuple[Word, ...] = ()
+    constants: tuple[Word, ...] = ()
+    valid: Mapping[Word, Collection[int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_coils()
         self._check_timers()
         self._check_names()
+
+    def with_set_points(self, values: Mapping[Word, int]) -> Program:
+        """Return the program with other initial values of its set-points."""
+        set_points = tuple((word, values.get(word, value)) for word, value in self.set_points)
+        return replace(self, set_points=set_points)
 
     def block(self, title: str) -> Block:
         """Return the block with this title."""
@@ -78,13 +87,13 @@ class Program:
 
     @cached_property
     def retentive(self) -> tuple[Bit | Word, ...]:
-        """Retentive devices of the program except states (S), sorted by kind and number.
+        """Retentive devices of the program except states (S) and constants, sorted by kind and number.
 
         A timer or counter appears twice: as its contact and as its current value.
         """
         used: dict[tuple[str, int, bool], Bit | Word] = {}
         for device in self.devices():
-            if is_retentive(device.kind, device.number) and device.kind != "S":
+            if is_retentive(device.kind, device.number) and device.kind != "S" and device not in self.constants:
                 for part in _contact_and_value(device):
                     key = (part.kind, part.number, isinstance(part, Word))
                     if not used.setdefault(key, part).name and part.name:

@@ -20,6 +20,7 @@ from controller.core.devices import (
     LOWEST_ANNUNCIATOR,
     RUN_MONITOR,
     Memory,
+    is_32_bit_counter,
 )
 from controller.core.expr import Bit, Word
 from controller.core.input_filter import InputFilter
@@ -256,14 +257,26 @@ class Plc(Saved):
         """Restore the values returned by `retained`, before the first scan.
 
         Raises:
-            ValueError: The names differ from those of this program's retentive devices.
+            ValueError: The names differ from those of this program's retentive devices, or a value is invalid;
+                nothing is changed.
         """
         expected = self._retentive_names
         if expected.keys() != values.keys():
             differing = ", ".join(sorted(expected.keys() ^ values.keys()))
             raise ValueError(f"retentive devices of another program: {differing}")
         for name, device in expected.items():
+            if not self._is_valid(device, values[name]):
+                raise ValueError(f"{name} {device.name}: {values[name]} is not a valid value")
+        for name, device in expected.items():
             self.write(device, values[name])
+
+    def _is_valid(self, device: Bit | Word, value: int) -> bool:
+        """Return True if a retained value is one that the program can have stored."""
+        if isinstance(device, Bit):
+            return value in {0, 1}
+        long = device.kind == "C" and is_32_bit_counter(device.number)
+        bits = 31 if long else 15
+        return -(2**bits) <= value < 2**bits and value in self.program.valid.get(device, (value,))
 
     def _retentive_spans(self) -> Iterator[tuple[str, slice]]:
         """Yield the rows of `Memory` that contain retentive devices, with the range of these devices."""

@@ -225,12 +225,18 @@ class _ListWriter:
         self._add("ZRST", DeviceOperand("S", 0), DeviceOperand("S", SIZES["S"] - 1))
         if self._fault is not None:
             self._add("MOV", MORE_THAN_A_SECOND, COUNTER)
-        if self._program.set_points:
-            for n, (word, value) in enumerate(self._program.set_points):
-                if n % (MOST_LINES - 1) == 0:  # SET follows in the last ladder block
-                    self._add("LD", DeviceOperand("M", FIRST_SCAN))
-                    self._add("ANI", DeviceOperand("M", done))
-                self._add("MOV", Constant(value), _word(word))
+        constants = [each for each in self._program.set_points if each[0] in self._program.constants]
+        defaults = [each for each in self._program.set_points if each[0] not in self._program.constants]
+        for n, (word, value) in enumerate(constants):
+            if n % MOST_LINES == 0:
+                self._add("LD", DeviceOperand("M", FIRST_SCAN))
+            self._add("MOV", Constant(value), _word(word))
+        for n, (word, value) in enumerate(defaults):
+            if n % (MOST_LINES - 1) == 0:  # SET follows in the last ladder block
+                self._add("LD", DeviceOperand("M", FIRST_SCAN))
+                self._add("ANI", DeviceOperand("M", done))
+            self._add("MOV", Constant(value), _word(word))
+        if defaults:
             self._add("SET", DeviceOperand("M", done))
 
     def _supervise_scans(self) -> dict[str, str]:

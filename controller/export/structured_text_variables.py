@@ -128,6 +128,7 @@ class Variables:
         self._devices: dict[tuple[str, int, bool], Variable] = {}
         self._helpers: dict[str, Variable] = {}
         self._first = {(word.kind, word.number): value for word, value in program.set_points}
+        self._constants = {(word.kind, word.number) for word in program.constants}
         self._named: dict[tuple[str, int], Bit | Word] = {}
         devices = [*program.devices(), *program.retentive]
         for device in devices:
@@ -212,7 +213,10 @@ class Variables:
             address=self._locate(kind, number),
             first=first,
             # like the soft PLC, the exported program starts without an active state
-            retain=self._retain and kind != "S" and is_retentive(kind, number),
+            retain=self._retain
+            and kind != "S"
+            and is_retentive(kind, number)
+            and (kind, number) not in self._constants,
             comment=": ".join(part for part in (fx_name, tag, meaning) if part),
         )
 

@@ -257,7 +257,7 @@ class Runtime(Saved):
         """
         set_points = self.machine.tags.sp
         changes = [set_points.checked(name, value) for name, value in values.items()]
-        if any(word in set_points.at_start for word, _ in changes):
+        if any(word in set_points.constants for word, _ in changes):
             raise SetPointError(
                 "a machine parameter cannot change while the controller runs; set it at start-up with --set"
             )

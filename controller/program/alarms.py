@@ -175,6 +175,7 @@ class Annunciators:
         self.cups_ground = self.add("cups_ground", number=975)
         self.cups_slow = self.add("cups_slow", number=996, severity=warning)
         self.start_stuck = self.add("start_stuck", number=997, severity=warning, cause=x.start)
+        self.constants = self.add("constants", number=999, severity=warning, cause=tags.machine.constants_differ)
         self.reset_stuck = self.add("reset_stuck", number=998, severity=warning, cause=x.optional("reset"))
 
     def __iter__(self) -> Iterator[Alarm]:
@@ -314,6 +315,7 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
         Set(alarms.outputs_taken, when=system.outputs_taken),
         Set(alarms.outputs_contested, when=system.outputs_contested),
         Rst(alarms.outputs_contested, when=~system.outputs_contested),
+        *_constants(tags, alarms),
         *_stuck_button(tags, machine.t_start, alarms.start_stuck, x.start),
         *_stuck_button(tags, machine.t_stop, alarms.stop_stuck, x.stop),
         Set(alarms.panel_silent, when=system.panel_silent),
@@ -334,6 +336,14 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
     if (magazine := x.optional("magazine_empty")) is not None:
         rungs += [Set(alarms.magazine_empty, when=magazine), Rst(alarms.magazine_empty, when=~magazine)]
     return rungs
+
+
+def _constants(tags: Tags, alarms: Annunciators) -> list[Rung]:
+    """Return the rungs of the warning that a machine constant differs from its default."""
+    defaults = dict(tags.sp.defaults)
+    differs = any_of(*(word.differs(defaults[word]) for word in tags.sp.constants))
+    relay = tags.machine.constants_differ
+    return [Out(relay, when=differs), Set(alarms.constants, when=relay), Rst(alarms.constants, when=~relay)]
 
 
 def _stuck_button(tags: Tags, timer: Timer, alarm: Bit, contact: Expr) -> tuple[Rung, Rung]:

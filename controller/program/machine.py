@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from controller.common.declarations import DeclarationError
 from controller.common.errors import InputError
-from controller.core.expr import FALSE, any_of
+from controller.core.devices import WORD_MAX
+from controller.core.expr import FALSE, Word, any_of
 from controller.core.program import Block, Program, requests
 from controller.core.rungs import Out
 from controller.core.sequence import Sequence
@@ -28,7 +29,7 @@ from controller.program.operator.next_press import NextPress
 from controller.program.operator.refusals import Orders, Refusal
 from controller.program.planting import planting_block
 from controller.program.states import Mode, Reason, State
-from controller.program.tags import SIDES, STEPPED, Side, Tags
+from controller.program.tags import FORGOTTEN, IN_DOUBT, SIDES, STEPPED, Side, Tags
 from controller.program.texts import operator as texts
 
 OUTPUTS = "interlocks and outputs"
@@ -128,11 +129,27 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         outputs=OUTPUTS,
         system=(*tags.system.bits(), *(command.bit for command in tags.commands)),
         set_points=tuple(tags.sp.defaults),
+        constants=tuple(tags.sp.constants),
+        valid=_valid_values(tags),
         output_words=() if tags.planting.planter_speed is None else (tags.planting.planter_speed,),
     )
     return Transplanter(
         io_map, program, orders, tags, alarms, cycles, homings, feeder, states, rules, rules_tray, rules_others
     )
+
+
+def _valid_values(tags: Tags) -> dict[Word, Collection[int]]:
+    """Return the valid values of the retentive words: set-points within their limits, states, and counts."""
+    machine = tags.machine
+    counts = [machine.trays_done, machine.rows_left, tags.tray.exit_time]
+    counts += [count for arm in tags.arms.values() for count in (arm.missed_cups, arm.cycles)]
+    return {
+        **{word: range(lowest, highest + 1) for word, (lowest, highest) in tags.sp.limits.items()},
+        **{row: range(IN_DOUBT + 1) for arm in tags.arms.values() for row in arm.rows.values()},
+        **dict.fromkeys(counts, range(WORD_MAX + 1)),
+        machine.mode: {0, *Mode},  # 0 before the first scan
+        tags.tray.phase: range(FORGOTTEN + 1),
+    }
 
 
 def _require_texts(tags: Tags) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from controller.common.declarations import DeclarationError
@@ -67,23 +68,26 @@ class SetPointError(ValueError):
 
 
 class SetPoints:
-    """Words that the operator may change, with their defaults. Times of 10 ms timers are in units of 10 ms."""
+    """Words that the operator or a start may change, with defaults. Times of 10 ms timers are in units of 10 ms."""
 
     def __init__(self) -> None:
         d = Area("D", 512, 539)
         self.defaults: list[tuple[Word, int]] = []
 
         self.limits: dict[Word, tuple[int, int]] = {}
-        self.at_start: list[Word] = []
-        """Set-points that depend on the machine and do not change while it runs."""
+        self.constants: list[Word] = []
+        """Machine constants: set-points that an interlock, a place or an assumption of the proof relies on. They are
+        given at each start, are not retained, and do not change while the controller runs."""
 
-        def add(name: str, default: int, lowest: int, highest: int, comment: str) -> Word:
+        def add(name: str, default: int, lowest: int, highest: int, comment: str, *, constant: bool = False) -> Word:
             __tracebackhide__ = True
             if not lowest <= default <= highest:
                 raise DeclarationError(f"set-point {name!r}: default {default} is not within {lowest} to {highest}")
             word = d.word(name, comment)
             self.defaults.append((word, default))
             self.limits[word] = (lowest, highest)
+            if constant:
+                self.constants.append(word)
             return word
 
         self.trays_target = add("trays target", 0, 0, 1000, "number of trays to empty before Complete; 0 = no limit")
@@ -95,9 +99,13 @@ class SetPoints:
         )
         self.converge_at = add("converge at", 0, 0, 1, "0 = converge with the arm down, 1 = move up first")
         self.arms_may_meet = add(
-            "arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2 at the same time"
+            "arms may meet",
+            ARMS_MAY_MEET,
+            0,
+            1,
+            "1 = both arms may be inward of pick 2 at the same time",
+            constant=True,
         )
-        self.at_start.append(self.arms_may_meet)
         self.release_delay = add(
             "release delay x10 ms",
             0,
@@ -114,14 +122,19 @@ class SetPoints:
         )
         self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cup pulses")
         self.settle = add("settle x10 ms", 10, 5, 200, "time the slide must stay on its switch before clamping")
-        self.clamp = add("clamp x10 ms", 20, 10, 200, "claw closing dwell")
-        self.release = add("release x10 ms", 20, 10, 200, "claw opening dwell")
+        self.clamp = add("clamp x10 ms", 20, 10, 200, "claw closing dwell", constant=True)
+        self.release = add("release x10 ms", 20, 10, 200, "claw opening dwell", constant=True)
         self.pause_at_feed = add(
             "pause at feed x10 ms", 50, 0, 500, "delay from arrival at feed to spreading (paper: 0.5 s)"
         )
         self.tray_index = add("tray index x10 ms", 10, 1, 200, "time at full speed into the gap before creeping")
         self.slide_least = add(
-            "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "shortest plausible travel time between a row and feed"
+            "slide least x10 ms",
+            SLIDE_LEAST_X10_MS,
+            10,
+            500,
+            "shortest plausible travel time between a row and feed",
+            constant=True,
         )
         self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creep time without a front edge before suspending")
         self.release_lead = add(
@@ -169,6 +182,13 @@ class SetPoints:
     def names(self) -> list[str]:
         """Return the attribute names of all set-points."""
         return [name for name, value in vars(self).items() if isinstance(value, Word)]
+
+    def changed(self, read: Callable[[Word], int]) -> dict[str, tuple[int, int]]:
+        """Return the present and the default value of each constant that differs from its default, by name."""
+        defaults = dict(self.defaults)
+        names = {getattr(self, name): name for name in self.names()}
+        values = {word: read(word) for word in self.constants}
+        return {names[word]: (value, defaults[word]) for word, value in values.items() if value != defaults[word]}
 
     def checked(self, name: str, text: str) -> tuple[Word, int]:
         """Return the word of a set-point and the value parsed from text.

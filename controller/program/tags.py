@@ -151,6 +151,7 @@ class MachineTags:
         self.clear_due = m.bit("clear due", "X24 has been pressed long enough to clear; its release clears")
         self.reset_armed = m.bit("reset armed", "reset button pressed; its release resets or clears")
         self.reset_released = m.bit("reset released", "reset button released after a press, this scan")
+        self.constants_differ = m.bit("constants differ", "a machine constant differs from its default")
         self.t_start = Timer(131, "start closed", "time for which X0 is closed")
         self.t_question_lamp = Timer(132, "question lamp", "cycle of the flashes that number a question")
         self.t_refused_lamp = Timer(133, "refusal lamp", "time for which the lamp shows a refused press")

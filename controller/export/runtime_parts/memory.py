@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.core.devices import WORD_MAX
+from controller.core.expr import Word
 from controller.export.runtime_parts.part import MEMORY_LOST, RuntimePart, system_bit
 from controller.export.structured_text_variables import Variable, Variables
 
@@ -49,11 +50,15 @@ class KeptSetPoints(RuntimePart):
 
     word: Callable[[int], str]
 
+    @property
+    def _kept(self) -> list[Word]:
+        return [word for word, _ in self.program.set_points if word not in self.program.constants]
+
     def begin(self, variables: Variables) -> list[str]:
         """Declare the copies and return the lines that restore the set-points in the first scan."""
         lines = ["", "(* set-points: restored from the storage of the runtime in the first scan *)"]
         lines.append(f"IF NOT {MARK} THEN")
-        for index, (set_point, _) in enumerate(self.program.set_points):
+        for index, set_point in enumerate(self._kept):
             name = variables.device(set_point)
             copy = Variable(
                 f"kept_{str(set_point).lower()}", "INT", self.word(index), comment=f"{set_point} + 1; 0 = not stored"
@@ -65,7 +70,7 @@ class KeptSetPoints(RuntimePart):
     def end(self, variables: Variables) -> list[str]:
         """Return the lines that copy the set-points; a negative or too large value is not stored."""
         lines = ["", "(* set-points: copied to the storage of the runtime *)"]
-        for set_point, _ in self.program.set_points:
+        for set_point in self._kept:
             name = variables.device(set_point)
             stored = f"kept_{str(set_point).lower()}"
             lines.append(f"{stored} := 0;")

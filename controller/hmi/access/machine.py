@@ -79,7 +79,7 @@ class MachineAccess:
         tags = self.runtime.machine.tags
         self.commands = {command.bit.number: command for command in tags.commands}
         words = {name: getattr(tags.sp, name) for name in tags.sp.names()}
-        self.set_points = {word.number: (name, word) for name, word in words.items() if word not in tags.sp.at_start}
+        self.set_points = {word.number: (name, word) for name, word in words.items() if word not in tags.sp.constants}
 
     def session(self, peer: str) -> MachineSession:
         """Return the access of a new communication partner."""

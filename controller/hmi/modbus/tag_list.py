@@ -294,7 +294,7 @@ def _set_point_tags(machine: Transplanter) -> Iterator[Tag]:
     for name in sp.names():
         word: Word = getattr(sp, name)
         lowest, highest = sp.limits[word]
-        access: Access = "read" if word in sp.at_start else "read/write"
+        access: Access = "read" if word in sp.constants else "read/write"
         yield Tag(
             f"set.{name}",
             "holding",

@@ -326,6 +326,14 @@ _ALARMS: Final = {
             "复位按钮是否释放；触点是否粘连或卡住；其接线和端子",
         ),
     ),
+    "constants": AlarmText(
+        Text("A machine constant differs from its default", "机器常数与默认值不同"),
+        Text(
+            "Intended for this machine? The parameter page and the messages at the start name it; it is given at each "
+            "start with --set or --constants",
+            "是否适用于本机；参数页面和启动信息列出该常数；每次启动时用 --set 或 --constants 给定",
+        ),
+    ),
     "hmi_silent": AlarmText(
         Text("Operator panel not responding: holding after the current cycle", "操作面板无响应：完成当前循环后保持"),
         Text(

@@ -195,7 +195,7 @@ class OrderHandler:
         if order.name not in set_points.names():
             raise OrderRefusedError.because("no set-point", name=order.name)
         word = getattr(set_points, order.name)
-        if word in set_points.at_start:
+        if word in set_points.constants:
             raise OrderRefusedError.because("at start")
         lowest, highest = set_points.limits[word]
         if not lowest <= order.value <= highest:

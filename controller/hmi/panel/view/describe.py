@@ -162,7 +162,7 @@ def _set_points(machine: Transplanter) -> Iterator[Json]:
             "lowest": lowest,
             "highest": highest,
             "first": defaults[word],
-            "at_start": word in set_points.at_start,
+            "at_start": word in set_points.constants,
         }
 
 
