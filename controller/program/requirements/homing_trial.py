@@ -94,7 +94,7 @@ class HomingTrial:
         self._sense = self._execution.copier(levels[0], Bit("X", 0), len(levels))
         self._initial = self._execution.save()
         self._now_ms = STARTS_AT_MS
-        self._retained = frozenset(machine.program.retentive) | self.model.inputs
+        self._retained = frozenset((*machine.program.retentive, *machine.program.constants)) | self.model.inputs
 
     def save(self) -> Any:
         """Return the situation of the machine."""
@@ -139,7 +139,7 @@ class HomingTrial:
         return Ending(
             ended,
             self._now_ms - began_ms,
-            tuple(self._plc.annunciators()),
+            tuple(number for number in self._plc.annunciators() if self.machine.alarms.of(number).stops_work),
             tuple(side for side in SIDES if self._plc.read(tags.arms[side].ask)),
             bool(self._plc.read(tags.tray.ask)),
         )

@@ -331,7 +331,7 @@ _ALARMS: Final = {
         Text(
             "Intended for this machine? The parameter page and the messages at the start name it; it is given at each "
             "start with --set or --constants",
-            "是否适用于本机；参数页面和启动信息列出该常数；每次启动时用 --set 或 --constants 给定",
+            "是否适用于本机；参数页面和启动信息列出该常数；每次启动时须重新给定",
         ),
     ),
     "hmi_silent": AlarmText(

@@ -156,7 +156,7 @@ def stories(seed: int, scans: int, *, power_fails: bool = True, pair: Pair | Non
         hold -= 1
         if hold <= 0:
             world.pressed = set()
-        if chance.random() < 0.04:
+        if hold <= 0 and chance.random() < 0.04:  # a press that clears is completed
             hold = _press(pair, world, chance)
         if chance.random() < 0.005:
             pair.write(chance.choice(HARMLESS), 1)

@@ -194,12 +194,14 @@ def power_cycle(machine: PackageRig, keep: tuple[str, ...] = ()) -> None:
 def test_openplc_restores_the_set_points_and_nothing_else() -> None:
     """A set-point of zero is restored as well; state and places are unknown, and the loss is reported."""
     machine = homing("openplc")
-    machine.plc.write("QW921", 0)  # D521, clamp
+    machine.plc.write("QW923", 0)  # D523, pause at feed
+    machine.plc.write("QW921", 90)  # D521, clamp: a machine constant
     machine.plc.write("QW934", 77)  # D534, shortest time from cup to cup
     run(machine, 1)
     power_cycle(machine, ("MW",))
     run(machine, 3)
-    assert machine.plc.read("QW921") == 0
+    assert machine.plc.read("QW923") == 0
+    assert machine.plc.read("QW921") == 20, "a constant is given at each start"
     assert machine.plc.read("QW934") == 77
     assert machine.is_in(State.STOPPED)
     assert machine.alarm(904)

@@ -159,7 +159,7 @@ def test_other_writes_are_refused_and_change_nothing(rig: HmiRig, client: Client
 # --- set-points -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [name for name in SP.names() if name != "arms_may_meet"])
+@pytest.mark.parametrize("name", [name for name in SP.names() if getattr(SP, name) not in SP.constants])
 def test_set_point_accepts_values_within_its_limits_only(rig: HmiRig, client: Client, name: str) -> None:
     word = getattr(SP, name)
     lowest, highest = SP.limits[word]
@@ -177,29 +177,29 @@ def test_set_point_accepts_values_within_its_limits_only(rig: HmiRig, client: Cl
 
 
 def test_consecutive_set_points_are_changed_all_or_none(rig: HmiRig, client: Client) -> None:
-    before = [set_point(rig, name) for name in ("settle", "clamp", "release")]
-    assert write_words(client, "D", 520, 21, 22, 9) == exception(16, ILLEGAL_VALUE)
+    before = [set_point(rig, name) for name in ("no_cups", "pulse_interval", "settle")]
+    assert write_words(client, "D", 518, 50, 26, 4) == exception(16, ILLEGAL_VALUE)
     rig.twin.scan()
-    assert [set_point(rig, name) for name in ("settle", "clamp", "release")] == before
-    assert written(write_words(client, "D", 520, 21, 22, 23))
+    assert [set_point(rig, name) for name in ("no_cups", "pulse_interval", "settle")] == before
+    assert written(write_words(client, "D", 518, 50, 26, 23))
     rig.twin.scan()
-    assert read_words(client, "D", 520, 3) == (21, 22, 23)
+    assert read_words(client, "D", 518, 3) == (50, 26, 23)
 
 
 def test_function_23_reads_the_values_before_its_write_takes_effect(rig: HmiRig, client: Client) -> None:
     """The read returns the values of the last scan, because the write takes effect in the next scan."""
-    old = set_point(rig, "clamp")
-    answer = client.ask(struct.pack(">BHHHHBH", 23, 521, 1, 521, 1, 2, 33))
+    old = set_point(rig, "pause_at_feed")
+    answer = client.ask(struct.pack(">BHHHHBH", 23, 523, 1, 523, 1, 2, 33))
     assert answer == struct.pack(">BBH", 23, 2, old)
     rig.twin.scan()
-    assert read_words(client, "D", 521) == (33,)
+    assert read_words(client, "D", 523) == (33,)
 
 
 def test_function_23_with_an_invalid_read_writes_nothing(rig: HmiRig, client: Client) -> None:
-    old = set_point(rig, "clamp")
-    assert client.ask(struct.pack(">BHHHHBH", 23, 0x2040, 1, 521, 1, 2, 33)) == exception(23, ILLEGAL_ADDRESS)
+    old = set_point(rig, "pause_at_feed")
+    assert client.ask(struct.pack(">BHHHHBH", 23, 0x2040, 1, 523, 1, 2, 33)) == exception(23, ILLEGAL_ADDRESS)
     rig.twin.scan()
-    assert set_point(rig, "clamp") == old
+    assert set_point(rig, "pause_at_feed") == old
     assert rig.audits == []
 
 

@@ -138,20 +138,20 @@ class TestWrites:
     """Writes by the master on the serial line."""
 
     def test_a_command_and_a_set_point(self, rig: HmiRig, master: Master) -> None:
-        clamp = struct.pack(">BHH", 6, 521, 33)
+        clamp = struct.pack(">BHH", 6, 523, 33)
         assert master.ask(clamp, 5) == clamp
         rig.twin.scan()
-        assert rig.twin.plc.read(rig.twin.machine.tags.sp.clamp) == 33
-        assert rig.audits == [(master.path, "", "set clamp", "33", "done")]
+        assert rig.twin.plc.read(rig.twin.machine.tags.sp.pause_at_feed) == 33
+        assert rig.audits == [(master.path, "", "set pause_at_feed", "33", "done")]
 
     def test_a_broadcast_is_executed_but_not_answered(self, rig: HmiRig, master: Master) -> None:
-        master.send(framed(struct.pack(">BHH", 6, 521, 44), unit=0))
+        master.send(framed(struct.pack(">BHH", 6, 523, 44), unit=0))
         assert master.receives_nothing()
         rig.twin.scan()
-        assert rig.twin.plc.read(rig.twin.machine.tags.sp.clamp) == 44
+        assert rig.twin.plc.read(rig.twin.machine.tags.sp.pause_at_feed) == 44
 
     def test_a_write_with_an_invalid_checksum_changes_nothing(self, rig: HmiRig, master: Master) -> None:
-        valid = framed(struct.pack(">BHHBH", 16, 521, 1, 2, 44))
+        valid = framed(struct.pack(">BHHBH", 16, 523, 1, 2, 44))
         master.send(valid[:-2] + bytes(2))
         assert master.receives_nothing()
         rig.twin.scan()

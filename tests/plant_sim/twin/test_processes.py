@@ -15,7 +15,7 @@ import httpx
 import pytest
 
 from controller.cli.main import main as controller_main
-from controller.core.retentive_store import MemoryStore
+from controller.core.retentive_store import FileStore, MemoryStore
 from controller.core.scan import Plc
 from controller.events.production import Event, ProductionLog
 from controller.io.modbus_tcp import ModbusTcpLink
@@ -23,7 +23,7 @@ from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
-from controller.program.states import State
+from controller.program.states import Mode, State
 from plant_sim.cli.main import main as plant_main
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.operator import PRESS_MS, Operator, counts_of
@@ -69,6 +69,7 @@ def test_help_names_the_options(program: str, capsys: pytest.CaptureFixture[str]
         (("controller", "--set", "tray_target=2"), "trays_target"),
         (("controller", "--set", "trays_target=two"), "must be an integer"),
         (("controller", "--set", "clamp=0"), "10 to 200"),
+        (("controller", "--constants", "no.yaml"), "no.yaml"),
         (("controller", "--retain", "."), "is a folder"),
         (("controller", "--retain", "/proc/no/retentive.json"), "/proc/no/retentive.json"),
         (
@@ -242,6 +243,38 @@ def test_a_damaged_store_is_reported_and_set_aside(tmp_path: Path) -> None:
     assert {"state", "alarm"} == {event["event"] for event in events}
     assert "memory" in next(event["text"] for event in events if event["event"] == "alarm")
     assert (tmp_path / "retentive.json.damaged").exists()
+
+
+def test_a_start_names_its_constants_and_believes_no_impossible_memory(tmp_path: Path) -> None:
+    """A constant given with ``--set`` is no part of the memory, and is gone at the next start.
+
+    The memory of the first start is then changed to a mode that does not exist, with a valid checksum.
+    """
+    store = FileStore(tmp_path / "retentive.json")
+    with plant_thread() as port:
+        events, errors = _first_events(port, tmp_path, "--set", "arms_may_meet=1")
+        assert "machine constant arms_may_meet: 1 instead of 0" in errors
+        assert [event["number"] for event in events if event["event"] == "alarm"] == [999]
+        stored = store.load()
+        assert stored is not None
+        assert stored["D562"] == Mode.CONTINUOUS
+        assert "D516" not in stored
+        store.save(stored | {"D562": 9})
+        events, errors = _first_events(port, tmp_path)
+    assert "D562 mode: 9 is not a valid value; renamed to" in errors
+    assert "machine constant" not in errors
+    assert [event["number"] for event in events if event["event"] == "alarm"] == [904]
+
+
+def _first_events(port: int, folder: Path, *options: str) -> tuple[list[dict[str, object]], str]:
+    """Start a controller, end it after its first two events, and return these and its messages."""
+    command = [sys.executable, "-m", *run_command(port, folder, "--events", "json", *options)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        events = [json.loads(running.stdout.readline()) for _ in range(2)]
+        running.send_signal(signal.SIGINT)
+        _, errors = running.communicate(timeout=WAIT_S)
+    return events, errors
 
 
 class TcpMachine:

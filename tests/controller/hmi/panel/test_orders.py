@@ -21,7 +21,7 @@ from tests.plant_sim.twin.twin_rig import switched_on
 
 ORDERS: list[dict[str, Any]] = [
     {"type": "command", "command": "stop"},
-    {"type": "set", "name": "clamp", "value": 30},
+    {"type": "set", "name": "settle", "value": 30},
     {"type": "acknowledge", "alarm": None},
     {"type": "acknowledge"},
     {"type": "shelve", "alarm": 992, "minutes": 5},
@@ -106,15 +106,16 @@ def test_every_command_is_available_or_refused_as_shown(rig: PanelRig) -> None:
 
 def test_set_points(rig: PanelRig) -> None:
     with rig.browser("maintain") as browser:
-        assert browser.order(type="set", name="clamp", value=33)["ok"] is True
-        browser.until(lambda view: view["set_points"]["clamp"] == 33)
-        assert english(browser.order(type="set", name="clamp", value=9)) == "enter 10 to 200"
-        assert english(browser.order(type="set", name="clamp", value=201)) == "enter 10 to 200"
-        assert "--set" in english(browser.order(type="set", name="arms_may_meet", value=1))
+        assert browser.order(type="set", name="settle", value=33)["ok"] is True
+        browser.until(lambda view: view["set_points"]["settle"] == 33)
+        assert english(browser.order(type="set", name="settle", value=4)) == "enter 5 to 200"
+        assert english(browser.order(type="set", name="settle", value=201)) == "enter 5 to 200"
+        for name in ("arms_may_meet", "clamp"):
+            assert "--set" in english(browser.order(type="set", name=name, value=1))
         assert english(browser.order(type="set", name="names", value=1)) == "unknown set-point 'names'"
-        assert english(browser.order(type="set", name="clamp", value="20")) == "invalid request: set.value"
-        assert english(browser.order(type="set", name="clamp", value=True)) == "invalid request: set.value"
-    assert rig.twin.plc.read(rig.twin.machine.tags.sp.clamp) == 33
+        assert english(browser.order(type="set", name="settle", value="20")) == "invalid request: set.value"
+        assert english(browser.order(type="set", name="settle", value=True)) == "invalid request: set.value"
+    assert rig.twin.plc.read(rig.twin.machine.tags.sp.settle) == 33
 
 
 def test_alarms_are_acknowledged_shelved_and_unshelved(tmp_path: Path) -> None:

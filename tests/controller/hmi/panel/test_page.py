@@ -473,18 +473,18 @@ def test_view_level_is_asked_to_log_in(stopped: Station, browser: Browser) -> No
 
 def test_parameter_is_checked_before_it_is_sent(stopped: Station, screen: Screen) -> None:
     live = stopped.live
-    clamp = live.machine.tags.sp.clamp
+    settle = live.machine.tags.sp.settle
     screen.open("parameters")
-    row = screen.find("[data-set-point=clamp]")
-    for value, message in (("5", "100 to 2000"), ("205", "multiple of 10"), ("-1", "number"), ("", "number")):
+    row = screen.find("[data-set-point=settle]")
+    for value, message in (("5", "50 to 2000"), ("205", "multiple of 10"), ("-1", "number"), ("", "number")):
         row.locator("input").fill(value)
         row.locator("button").click()
         expect(row.locator("[role=alert]")).to_contain_text(message)
-    assert live.runtime.plc.read(clamp) == 20
+    assert live.runtime.plc.read(settle) == 10
     row.locator("input").fill("300")
     row.locator("input").press("Enter")
-    live.until(lambda: live.runtime.plc.read(clamp) == 30, "clamp")
-    expect(screen.find("[data-fact=clamp]")).to_have_text("300 ms")
+    live.until(lambda: live.runtime.plc.read(settle) == 30, "settle")
+    expect(screen.find("[data-fact=settle]")).to_have_text("300 ms")
     expect(screen.find("[data-set-point=arms_may_meet] input")).to_have_count(0)
 
 
