@@ -114,7 +114,7 @@ def pooled(
         report, motion = trial(seed, values, release_lead=release_lead, faults=faults, stops=stops)
         assert report.completed, report.reason
         assert report.accounted
-        assert report.alarms == []
+        assert {*report.alarms} <= {"A machine constant differs from its default"}
         pick, carry, throw = pick + report.P, carry + report.D, throw + report.T
         rows += motion
     return Pooled(pick, carry, throw, tuple(rows))
