@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from controller.cli.machine import add_io_map, machine_of
-from controller.cli.start_values import add_start_values, start_values
+from controller.cli.machine import add_io_map, add_start_values, machine_of, start_values
 from controller.core.expr import Bit
 from controller.core.program import Program
 from controller.core.rungs import written_devices

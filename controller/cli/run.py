@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from controller.cli.machine import add_io_map, machine_of
+from controller.cli.machine import add_io_map, add_start_values, machine_of, start_values
 from controller.cli.run_field import (
     add_field_arguments,
     add_link_limit,
@@ -19,7 +19,6 @@ from controller.cli.run_field import (
     wait_for_field,
 )
 from controller.cli.run_operator import add_hmi_arguments, add_mitsubishi_arguments, operator_interfaces
-from controller.cli.start_values import add_start_values, start_values
 from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter, new_file_problem
 from controller.common.command_line import version
 from controller.common.errors import InputError

@@ -8,7 +8,7 @@ from typing import Final
 import z3
 
 from controller.core.devices import MS_100
-from controller.verify.cells import SymbolicMemory, cell_of, condition
+from controller.verify.cells import SymbolicMemory, cell_of, compare, condition
 from controller.verify.model import Frame, Goal, Model
 from controller.verify.solving import CHECK_LIMIT_MS, goal_switches, new_solver, preferred_model, switch, value, values
 from controller.verify.timing import ExactTimers
@@ -42,9 +42,21 @@ class Search:
         self._start: SymbolicMemory = {
             cell: z3.If(self._factory, new[cell], retained_cells[cell]) for cell in model.cells
         }
+        self._solver.add(list(self._restorable()))
         self._frames: list[Frame] = []
         self._pauses: list[z3.BitVecRef] = []
         self._tenths: list[z3.BitVecRef] = []
+
+    def _restorable(self) -> Iterator[z3.BoolRef]:
+        """Yield that the retained words have values that a start accepts."""
+        for word, valid in self._model.program.valid.items():
+            cell = cell_of(word)
+            if cell in self._model.retained_cells:
+                term = self._start[cell]
+                if isinstance(valid, range):
+                    yield z3.And(compare(">=", term, valid[0]), compare("<=", term, valid[-1]))
+                else:
+                    yield z3.Or([compare("==", term, number) for number in valid])
 
     def find(self, goals: Iterable[Goal], scans: int, seconds: float) -> dict[str, Trace]:
         """Search for traces after which a goal does not hold, the shortest first.
@@ -125,7 +137,7 @@ class Search:
         """Yield optional facts that simplify a trace: short pauses, unchanged inputs, default memory values."""
         for cell, term in self._start.items():
             if cell in self._model.retained_cells:
-                yield term == cell.constant(cell.default)
+                yield term == cell.constant(self._model.set_points.get(cell, cell.default))
         for number in range(scans):
             yield from (z3.Extract(bit, bit, self._pauses[number]) == 0 for bit in reversed(range(PAUSE_BITS)))
             before, start = self._memory(number), self._frames[number].start

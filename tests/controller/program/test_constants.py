@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.cli.start_values import ConstantsError, start_values
+from controller.cli.machine import ConstantsError, start_values
 from controller.core.devices import WORD_MAX
 from controller.core.expr import Bit, Word, leaves
 from controller.core.rungs import Annunciate, OnDelay, read_devices
