@@ -19,7 +19,7 @@ from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Sequence, Timeout
-from controller.program.operator.buttons import STUCK_MS
+from controller.program.operator.buttons import stuck_rungs
 from controller.program.set_points import LONGEST_CUP_X10_MS, ROWS_DIFFER_X10_MS
 from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Side, Tags
 from controller.program.texts.alarms import ALARMS
@@ -175,8 +175,8 @@ class Annunciators:
         self.cups_ground = self.add("cups_ground", number=975)
         self.cups_slow = self.add("cups_slow", number=996, severity=warning)
         self.start_stuck = self.add("start_stuck", number=997, severity=warning, cause=x.start)
-        self.constants = self.add("constants", number=999, severity=warning, cause=tags.machine.constants_differ)
         self.reset_stuck = self.add("reset_stuck", number=998, severity=warning, cause=x.optional("reset"))
+        self.constants = self.add("constants", number=999, severity=warning, cause=tags.machine.constants_differ)
 
     def __iter__(self) -> Iterator[Alarm]:
         """Iterate over all alarms by S number."""
@@ -316,8 +316,8 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
         Set(alarms.outputs_contested, when=system.outputs_contested),
         Rst(alarms.outputs_contested, when=~system.outputs_contested),
         *_constants(tags, alarms),
-        *_stuck_button(tags, machine.t_start, alarms.start_stuck, x.start),
-        *_stuck_button(tags, machine.t_stop, alarms.stop_stuck, x.stop),
+        *stuck_rungs(tags, machine.t_start, alarms.start_stuck, x.start),
+        *stuck_rungs(tags, machine.t_stop, alarms.stop_stuck, x.stop),
         Set(alarms.panel_silent, when=system.panel_silent),
         Rst(alarms.panel_silent, when=~system.panel_silent),
         Set(alarms.memory_lost, when=FIRST_SCAN & system.memory_lost),
@@ -330,7 +330,7 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
         ),
     ]
     if (reset := x.optional("reset")) is not None:
-        rungs += _stuck_button(tags, machine.t_reset, alarms.reset_stuck, reset)
+        rungs += stuck_rungs(tags, machine.t_reset, alarms.reset_stuck, reset)
     if (air_low := x.optional_off("air_pressure_ok")) is not None:
         rungs.append(Annunciate(Timer(105, "air low"), 5 * MS_100, alarms.air_low, when=air_low))
     if (magazine := x.optional("magazine_empty")) is not None:
@@ -344,11 +344,6 @@ def _constants(tags: Tags, alarms: Annunciators) -> list[Rung]:
     differs = any_of(*(word.differs(defaults[word]) for word in tags.sp.constants))
     relay = tags.machine.constants_differ
     return [Out(relay, when=differs), Set(alarms.constants, when=relay), Rst(alarms.constants, when=~relay)]
-
-
-def _stuck_button(tags: Tags, timer: Timer, alarm: Bit, contact: Expr) -> tuple[Rung, Rung]:
-    """Return the rungs that time a closed contact; `buttons` reads the time."""
-    return Annunciate(timer, STUCK_MS, alarm, when=contact & ~tags.system.link_lost), Rst(alarm, when=~contact)
 
 
 def _cup_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:

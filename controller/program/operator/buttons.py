@@ -12,7 +12,7 @@ from typing import Final
 
 from controller.core.devices import MS_100
 from controller.core.expr import FALSE, TRUE, Bit, Expr, Timer, all_of, any_of
-from controller.core.rungs import Out, Pulse, Rst, Rung, Set
+from controller.core.rungs import Annunciate, Out, Pulse, Rst, Rung, Set
 from controller.program.states import State
 from controller.program.tags import FIRST_SCAN, Tags
 
@@ -82,6 +82,11 @@ def disarm_rungs(tags: Tags) -> list[Rung]:
     ]
 
 
+def stuck_rungs(tags: Tags, timer: Timer, alarm: Bit, contact: Expr) -> tuple[Rung, Rung]:
+    """Return the rungs that time a closed contact, for its presses and for the alarm of a stuck one."""
+    return Annunciate(timer, STUCK_MS, alarm, when=contact & ~tags.system.link_lost), Rst(alarm, when=~contact)
+
+
 def due(tags: Tags) -> tuple[Bit, Bit, Bit]:
     """Return the relays of presses that have lasted long enough, so that their release acts."""
     machine = tags.machine
@@ -98,5 +103,5 @@ def _void(tags: Tags, timer: Timer) -> Expr:
 
 
 def _lasts(timer: Timer, ms: int) -> Expr:
-    """Return the condition on the time of a contact; its timer is evaluated with the alarms, later in the scan."""
+    """Return the condition on the time of a contact; its timer (`stuck_rungs`) is evaluated later in the scan."""
     return timer.value >= ms // MS_100
