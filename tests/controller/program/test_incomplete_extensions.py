@@ -18,7 +18,9 @@ from tests.real_time import COMMAND_S
 from tests.sampling import one_in
 
 PROGRAM: Final = "controller/program/"
-ARM, ALARMS, TAGS, RULES = (f"{PROGRAM}{name}.py" for name in ("arm", "alarms", "tags", "interlocks"))
+ARM, ALARMS, TAGS, TRAY_TAGS, RULES = (
+    f"{PROGRAM}{name}.py" for name in ("arm", "alarms", "tags", "tray_tags", "interlocks")
+)
 COMMANDS, REFUSALS = (f"{PROGRAM}operator/{name}.py" for name in ("commands", "refusals"))
 STATES, SET_POINTS, SCHEMA = f"{PROGRAM}states.py", f"{PROGRAM}set_points.py", "controller/iomap/schema.py"
 TEXTS: Final = "controller/program/texts/"
@@ -126,7 +128,7 @@ INCOMPLETE: Final[dict[str, tuple[list[Edit], tuple[str, ...]]]] = {
         ("M1024 batch complete: already used by 'left.loaded'; next free number: M1038",),
     ),
     "timer that is in use": (
-        [(TAGS, "self.t_jam = Timer(104", "self.t_jam = Timer(103")],
+        [(TRAY_TAGS, "self.t_jam = Timer(104", "self.t_jam = Timer(103")],
         ("T103 tray.jam: already used by 'tray.no tray'; next free number: T26",),
     ),
     "alarm number that is in use": (
@@ -134,7 +136,7 @@ INCOMPLETE: Final[dict[str, tuple[list[Edit], tuple[str, ...]]]] = {
         (f"S972 alarm: cups_slow: already used by 'alarm: outputs_taken'; next free number: S{FREE_ALARM}",),
     ),
     "states of two sequences": (
-        [(TAGS, "self.first_step = 180", "self.first_step = 100")],
+        [(TRAY_TAGS, "self.first_step = 180", "self.first_step = 100")],
         ("already used by 'right arm: ", "next free number: S39"),
     ),
 }
