@@ -315,7 +315,8 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
         Set(alarms.outputs_taken, when=system.outputs_taken),
         Set(alarms.outputs_contested, when=system.outputs_contested),
         Rst(alarms.outputs_contested, when=~system.outputs_contested),
-        *_constants(tags, alarms),
+        Set(alarms.constants, when=machine.constants_differ),
+        Rst(alarms.constants, when=~machine.constants_differ),
         *stuck_rungs(tags, machine.t_start, alarms.start_stuck, x.start),
         *stuck_rungs(tags, machine.t_stop, alarms.stop_stuck, x.stop),
         Set(alarms.panel_silent, when=system.panel_silent),
@@ -336,14 +337,6 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
     if (magazine := x.optional("magazine_empty")) is not None:
         rungs += [Set(alarms.magazine_empty, when=magazine), Rst(alarms.magazine_empty, when=~magazine)]
     return rungs
-
-
-def _constants(tags: Tags, alarms: Annunciators) -> list[Rung]:
-    """Return the rungs of the warning that a machine constant differs from its default."""
-    defaults = dict(tags.sp.defaults)
-    differs = any_of(*(word.differs(defaults[word]) for word in tags.sp.constants))
-    relay = tags.machine.constants_differ
-    return [Out(relay, when=differs), Set(alarms.constants, when=relay), Rst(alarms.constants, when=~relay)]
 
 
 def _cup_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:

@@ -11,6 +11,7 @@ from controller.iomap.loader import IoMap
 from controller.program.operator.answers import answer_rungs
 from controller.program.operator.buttons import disarm_rungs, edge_rungs
 from controller.program.operator.commands import JOG_LEASE_MS
+from controller.program.operator.constants import constant_rungs
 from controller.program.operator.next_press import next_press_rungs
 from controller.program.operator.refusals import Orders
 from controller.program.states import HOLDS, MOVING, RUNNING, STOPPABLE, Mode, Reason, State
@@ -100,6 +101,7 @@ def conditioning(tags: Tags, orders: Orders, io_map: IoMap) -> list[Rung]:
     return [
         *edge_rungs(tags),
         Out(machine.abort, when=any_of(x.emergency_stop, commands.abort, faults)),
+        *constant_rungs(tags),
         *answer_rungs(tags, io_map),
         Out(machine.clear_requested, when=accepted(commands.clear)),
         Out(machine.home_requested, when=accepted(commands.reset)),

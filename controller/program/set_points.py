@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from controller.common.declarations import DeclarationError
-from controller.core.expr import Word
+from controller.core.expr import Bit, Word
 from controller.program.areas import Area
 
 CUPS: Final = 12
@@ -71,13 +71,15 @@ class SetPoints:
     """Words that the operator or a start may change, with defaults. Times of 10 ms timers are in units of 10 ms."""
 
     def __init__(self) -> None:
-        d = Area("D", 512, 539)
+        d, m = Area("D", 512, 539), Area("M", 380, 389)
         self.defaults: list[tuple[Word, int]] = []
 
         self.limits: dict[Word, tuple[int, int]] = {}
         self.constants: list[Word] = []
         """Machine constants: set-points that an interlock, a place or an assumption of the proof relies on. They are
         given at each start, are not retained, and do not change while the controller runs."""
+        self.differs: dict[Word, Bit] = {}
+        """Relay of each machine constant: its value differs from the default."""
 
         def add(name: str, default: int, lowest: int, highest: int, comment: str, *, constant: bool = False) -> Word:
             __tracebackhide__ = True
@@ -88,6 +90,7 @@ class SetPoints:
             self.limits[word] = (lowest, highest)
             if constant:
                 self.constants.append(word)
+                self.differs[word] = m.bit(f"{name} differs", f"machine constant {name} differs from its default")
             return word
 
         self.trays_target = add("trays target", 0, 0, 1000, "number of trays to empty before Complete; 0 = no limit")

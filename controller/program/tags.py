@@ -153,6 +153,11 @@ class MachineTags:
         self.reset_armed = m.bit("reset armed", "reset button pressed; its release resets or clears")
         self.reset_released = m.bit("reset released", "reset button released after a press, this scan")
         self.constants_differ = m.bit("constants differ", "a machine constant differs from its default")
+        self.constants_open = m.bit(
+            "constants unconfirmed", "a constant differs, and X25 has not been pressed and released since the start"
+        )
+        self.confirm_ready = m.bit("confirmation possible", "X25 seen released since the start")
+        self.confirming = m.bit("confirming", "X25 pressed to confirm the constants")
         self.t_start = Timer(131, "start closed", "time for which X0 is closed")
         self.t_question_lamp = Timer(132, "question lamp", "cycle of the flashes that number a question")
         self.t_refused_lamp = Timer(133, "refusal lamp", "time for which the lamp shows a refused press")

@@ -132,8 +132,8 @@ def homing(bench: Bench) -> Procedure:
 def home(bench: Bench) -> Procedure:
     """Press start until both arms rest at feed; three presses are permitted, as after an alarm.
 
-    If the first press switches nothing on, the machine is cleared first: a PLC that ran before the plant was connected
-    has seen the emergency stop.
+    If the first press switches nothing on, the emergency stop is pressed, released and cleared first: a PLC that ran
+    before the plant was connected has seen it, and a program whose machine constants differ waits for it.
     """
     begun_ms = bench.now_ms
     for attempt in range(3):
@@ -142,7 +142,7 @@ def home(bench: Bench) -> Procedure:
         yield from bench.hold("start", 200)
         yield from bench.pause(1_500)
         if attempt == 0 and bench.view.changed_ms < pressed_ms:
-            yield from bench.hold("stop", bench.limits.clear_ms)
+            yield from stop_and_clear(bench)
             continue
         if (yield from bench.reached(lambda: bench.is_home, bench.limits.home_ms)):
             bench.findings.figures["homing"] = _seconds_since(bench, begun_ms)

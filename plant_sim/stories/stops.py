@@ -11,9 +11,8 @@ from controller.program.states import State
 from controller.program.tags import ROWS, SIDES
 from plant_sim.stories.story import Stage, Story
 from plant_sim.stories.work import FASTER, LATE, TRAY_MS, begin, complete
-from plant_sim.twin.lock_step import NotReachedError, Twin
+from plant_sim.twin.lock_step import CLEAR_MS, NotReachedError, Twin
 from plant_sim.twin.recovery import (
-    CLEAR_MS,
     answer_truly,
     begin_homing,
     clear,

@@ -20,8 +20,8 @@ from typing import Any
 from controller.program.states import State
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.machine.parameters import load_machine
-from plant_sim.twin.commissioning import set_points_of
-from plant_sim.twin.lock_step import SCAN_MS
+from plant_sim.twin.commissioning import needs_confirmation, set_points_of
+from plant_sim.twin.lock_step import CLEAR_MS, SCAN_MS
 from plant_sim.twin.operator import Operator, counts_of
 from plant_sim.twin.process import ChildError, Interrupts, LiveError, Process
 from plant_sim.twin.progress import ProgressState, ProgressView
@@ -216,6 +216,8 @@ class LiveTrial:
             if self._options.by_hand:
                 self._until_complete()
             else:
+                if needs_confirmation(load_machine(self._options.machine)):
+                    self._confirm_constants()
                 operator.press("start")
                 self._until(State.IDLE, HOMING_LIMIT_S, "homing")
                 operator.press("start")
@@ -238,16 +240,23 @@ class LiveTrial:
             self._follow(POLL_S)
             self._show()
 
-    def _until(self, state: State, limit_s: float, what: str) -> None:
+    def _until(self, state: State, limit_s: float, what: str, *, broken: Sequence[State] = _BROKEN) -> None:
         deadline_s = self._now_s() + limit_s
         while self._progress.state != state:
             if self._now_s() > deadline_s:
                 raise LiveError(f"{what} not reached within {limit_s:.0f} s: {self._progress.state_text}")
             self._follow(POLL_S)
             self._show()
-            if self._progress.state in _BROKEN:
+            if self._progress.state in broken:
                 alarms = "; ".join(self._progress.alarms.values()) or "a question to the operator is open"
                 raise LiveError(f"{what} not reached: {self._progress.state_text}, {alarms}")
+
+    def _confirm_constants(self) -> None:
+        """Press the emergency stop, release it and clear, as the program requires if a machine constant differs."""
+        self._operator.press("emergency_stop")
+        self._until(State.ABORTED, START_LIMIT_S, "emergency stop", broken=())
+        self._operator.press("stop", for_ms=CLEAR_MS)
+        self._until(State.STOPPED, START_LIMIT_S, "clear", broken=())
 
     def _until_complete(self) -> None:
         """Wait without a time limit until the machine is in Complete."""

@@ -6,7 +6,6 @@ This module defines the order within a tick: run the scan, advance the plant to 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 from controller.core.clock import SimulatedClock
@@ -17,21 +16,25 @@ from controller.core.scan import Plc, PythonExecution
 from controller.events.production import AlarmEvent, CycleEvent, Event, ProductionLog
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
-from controller.program.machine import Transplanter, build
+from controller.iomap.loader import IoMap
+from controller.program.machine import Transplanter
 from controller.program.states import State
 from plant_sim.faults import Fault
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
-from plant_sim.machine.parameters import Machine, load_machine
+from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.commissioning import set_points_of
+from plant_sim.twin.commissioning import default_io_map, default_parameters, program_of, set_points_of
 from plant_sim.twin.compiled_run import CompiledRun
 from plant_sim.twin.conditions import Interpreter, check_advances
 from plant_sim.twin.kernel import CHANGE, CONDITION
 from plant_sim.twin.watchers import Watched
 
 SCAN_MS = 10
+INPUT_MS = 100
+"""Time in which a button takes effect, ms."""
+CLEAR_MS = 3_200
+"""Duration of the X24 press for clearing, ms; 3 to 10 s are required."""
 
 
 class NotReachedError(AssertionError):
@@ -98,11 +101,11 @@ class Twin(Watched):
             FaultError: A fault is not possible in this plant.
         """
         super().__init__()
-        self.io_map = io_map or _default_io_map()
-        self.parameters = parameters or _default_parameters()
+        self.io_map = io_map or default_io_map()
+        self.parameters = parameters or default_parameters()
         self.plant = Plant(self.io_map, self.parameters, seed=seed, trays=trays, faults=faults)
         self.module = IoModule(self.plant, self.io_map)
-        self.machine: Transplanter = machine or _machine(self.io_map)
+        self.machine: Transplanter = machine or program_of(self.io_map)
         self._sequences = {sequence.name: sequence for sequence in self.machine.program.sequences()}
         self._steps = [(bit.name, bit.number) for sequence in self._sequences.values() for bit, _ in sequence]
         self.clock = SimulatedClock()
@@ -324,9 +327,21 @@ class Twin(Watched):
         """Issue a command from the command table for one scan."""
         self.plc.press(self.machine.tags.commands[name])
 
-    def home(self, within_ms: int = 40_000) -> None:
-        """Press X0 in Stopped and wait for Idle."""
+    def confirm_constants(self) -> None:
+        """Press X25, release it and clear, if the program waits for this because a machine constant differs."""
         self.scan()
+        if self.plc.read(self.machine.tags.machine.constants_open):
+            self.run_for(INPUT_MS)
+            self.press("emergency_stop", for_ms=INPUT_MS)
+            self.run_until_state(State.ABORTED, within_ms=INPUT_MS)
+            self.run_for(INPUT_MS)
+            self.press("stop", for_ms=CLEAR_MS)
+            self.run_until_state(State.STOPPED, within_ms=CLEAR_MS + INPUT_MS)
+            self.run_for(INPUT_MS)
+
+    def home(self, within_ms: int = 40_000) -> None:
+        """Press X0 in Stopped and wait for Idle, after machine constants have been confirmed if necessary."""
+        self.confirm_constants()
         self.press("start")
         self.run_until_state(State.IDLE, within_ms=within_ms)
 
@@ -379,18 +394,3 @@ class Twin(Watched):
             if now_ms >= until_ms:
                 setattr(self.plant.box, button, False)
                 del self._releases[button]
-
-
-@cache
-def _default_io_map() -> IoMap:
-    return load_io_map(DEFAULT_IO_MAP)
-
-
-@cache
-def _default_parameters() -> Machine:
-    return load_machine()
-
-
-@lru_cache(maxsize=8)
-def _machine(io_map: IoMap) -> Transplanter:
-    return build(io_map)

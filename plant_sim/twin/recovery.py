@@ -9,10 +9,8 @@ from plant_sim.devices.pneumatic import Cylinder
 from plant_sim.faults import Fault
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.twin.conditions import Quantity
-from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
+from plant_sim.twin.lock_step import CLEAR_MS, SCAN_MS, NotReachedError, Twin
 
-CLEAR_MS = 3_200
-"""Duration of the X24 press for clearing, ms; 3 to 10 s are required."""
 HOMING_LIMIT_MS = 40_000
 AIR_LIMIT_MS = 600_000
 """Maximum wait for air pressure, ms; the compressor fills an empty receiver in less time."""
@@ -53,12 +51,12 @@ def clear(twin: Twin) -> None:
 
 
 def begin_homing(twin: Twin) -> None:
-    """Press X0 in Stopped, Held or Complete.
+    """Press X0 in Stopped, Held or Complete, after machine constants have been confirmed if necessary.
 
     Raises:
         NotReachedError: Homing does not start.
     """
-    twin.scan()  # a button already pressed at power-up is ignored
+    twin.confirm_constants()  # executes a scan: a button already pressed at power-up is ignored
     twin.press("start")
     twin.run_until_state(State.RESETTING, within_ms=50)
 

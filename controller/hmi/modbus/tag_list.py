@@ -308,6 +308,9 @@ def _set_point_tags(machine: Transplanter) -> Iterator[Tag]:
             highest,
             unit_of(word),
         )
+    for word, relay in sp.differs.items():
+        name = next(name for name in sp.names() if getattr(sp, name) is word)
+        yield _bit(f"set.{name}.differs", relay)
 
 
 def _alarm_tags(machine: Transplanter) -> Iterator[Tag]:

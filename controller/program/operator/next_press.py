@@ -42,6 +42,7 @@ class NextPress(IntEnum):
     UNSUSPEND = 19
     JOG = 20
     RELEASE_NOW = 21
+    CONFIRM_CONSTANTS = 22
 
 
 _BEFORE_ANSWERS: Final = NextPress.ANSWER_LEFT_LOADED - Question.LEFT_LOADED
@@ -60,6 +61,7 @@ def _table(tags: Tags) -> Iterator[tuple[NextPress, Expr]]:
     yield NextPress.HOME, at_rest
     yield NextPress.RESUME, held & (machine.held_by_operator | machine.held_by_panel)
     yield NextPress.REPAIR_AND_HOME, at_rest & machine.fault
+    yield NextPress.CONFIRM_CONSTANTS, at_rest & machine.constants_open
     yield NextPress.ANSWER_COMMAND, held & asking
     yield NextPress.START, idle
     yield NextPress.LEAVE_ZERO_RETURN, idle & machine.mode.equals(Mode.ZERO_RETURN)

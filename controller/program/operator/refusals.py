@@ -63,6 +63,7 @@ class Refusal(IntEnum):
     ROW_IN_PROGRESS = auto()
     NOT_STOPPED = auto()
     OTHER_ARM_OUT = auto()
+    CONSTANTS = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +162,8 @@ class Orders:
         running = _only_in(Refusal.NOT_RUNNING, tags, *RUNNING)
         arms = [obstacle for side in SIDES for obstacle in self._arm_not_ready(side)]
         from_idle = [Obstacle(o.reason, all_of(state.equals(State.IDLE), o.active)) for o in (alarm, questions, *arms)]
-        yield commands.reset, [_only_in(Refusal.NOT_AT_REST, tags, *HOMED_FROM), stop]
+        unconfirmed = Obstacle(Refusal.CONSTANTS, machine.constants_open)
+        yield commands.reset, [_only_in(Refusal.NOT_AT_REST, tags, *HOMED_FROM), stop, unconfirmed]
         yield (
             commands.start,
             [_only_in(Refusal.NOT_IDLE, tags, State.IDLE, State.SUSPENDED), stop, zero_return, *from_idle],

@@ -121,6 +121,8 @@ class HomingTrial:
         memory.X[: len(levels)] = levels
         self._write(values, self._retained)
         self._execution.run(self._now_ms - self._scan_ms, first=True)
+        if self._plc.read(self.machine.tags.machine.constants_open):
+            self._confirm_constants()
         if not situation.powered_up:
             for _ in range(RESTS_MS // self._scan_ms):
                 self._scan()
@@ -176,6 +178,17 @@ class HomingTrial:
         """Let all switches follow their devices again."""
         for bit in (*self.model.stuck_on, *self.model.stuck_off):
             self._plc.write(bit, 0)
+
+    def _confirm_constants(self) -> None:
+        """Press X25, release it and clear, two scans each."""
+        stop = self.model.stuck_on[self.machine.io_map["emergency_stop"].number]
+        for pressed in (0, 1, 0):
+            self._plc.write(stop, pressed)
+            self._scan()
+            self._scan()
+        self._plc.press(self.machine.tags.commands.clear)
+        self._scan()
+        self._scan()
 
     def _write(self, values: Mapping[Bit | Word, int], devices: Collection[Bit | Word]) -> None:
         for device, value in values.items():

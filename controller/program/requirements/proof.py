@@ -89,8 +89,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     moved = safety.machine.moved
     yield "the monitor records that motion is allowed", _implies(control.motion, moved)
     yield "the monitor records the jog", _implies(control.jog.differs(0), safety.machine.jogged)
-    yield "a press that may clear is one of X24", _implies(control.clear_armed, safety.machine.stop_on)
-    yield "a press that may reset is one of the reset button", _implies(control.reset_armed, safety.machine.reset_on)
+    yield from _of_presses(machine, safety)
     yield "the manual relay is on only in manual mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
     yield "the manual relay is on in manual mode", _implies(control.mode.equals(Mode.MANUAL), control.manual)
     jogs = control.mode.equals(Mode.MANUAL) & control.state.equals(State.EXECUTE)
@@ -136,6 +135,15 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
         )
         yield f"{home.name}: steps are active only in Resetting", _implies(_any_step(home), control.resetting)
     yield from _homing_ends(machine)
+
+
+def _of_presses(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Expr]]:
+    """Yield the invariants that relate armed presses to the buttons."""
+    control, monitor = machine.tags.machine, safety.machine
+    yield "a press that may clear is one of X24", _implies(control.clear_armed, monitor.stop_on)
+    yield "a press that may reset is one of the reset button", _implies(control.reset_armed, monitor.reset_on)
+    yield "a press that confirms the constants is one of X25", _implies(control.confirming, monitor.emergency_on)
+    yield "constants that are not confirmed are open", _implies(monitor.unconfirmed, control.constants_open)
 
 
 def _homing_ends(machine: Transplanter) -> Iterator[tuple[str, Expr]]:

@@ -88,6 +88,8 @@ class MachineMonitor:
         )
         self.stop_on = m.bit("stop on", "X24 was on in the last scan, and the link not lost")
         self.reset_on = m.bit("reset on", "the reset button was on in the last scan, and the link not lost")
+        self.emergency_on = m.bit("emergency stop on", "X25 was on when it was last read")
+        self.unconfirmed = m.bit("unconfirmed", "constants differed at power-up; X25 has not been on and off since")
 
     def rungs(self) -> list[Rung]:
         """Return the rungs of the monitor; they follow the outputs in the scan."""
@@ -98,6 +100,8 @@ class MachineMonitor:
         pressed = machine.start_pressed & x.start
         stop_released, reset_released = self.stop_on & ~x.stop, self.reset_on & ~reset_on
         asked = any_of(*commands.jog.values())
+        defaults = dict(tags.sp.defaults)
+        differ = any_of(*(word.differs(defaults[word]) for word in tags.sp.constants))
         return [
             Out(
                 self.pressed,
@@ -113,6 +117,10 @@ class MachineMonitor:
             ),
             Out(self.stop_on, when=x.stop & ~lost),
             Out(self.reset_on, when=reset_on),
+            Set(self.unconfirmed, when=FIRST_SCAN & differ),
+            Rst(self.unconfirmed, when=all_of(self.emergency_on, ~x.emergency_stop, ~lost)),
+            Set(self.emergency_on, when=x.emergency_stop & ~lost),
+            Rst(self.emergency_on, when=~x.emergency_stop & ~lost),
         ]
 
 
@@ -268,6 +276,10 @@ def _of_machine(
             "only a person who releases X24 or the reset button, or gives the command, ends an emergency stop; "
             "a stuck button and a broken wire do not",
             monitor.cleared_unbidden,
+        ),
+        "homing before the constants are confirmed": (
+            "constants that differ from their defaults are confirmed with X25 before the first homing of a start",
+            machine.entered_resetting & monitor.unconfirmed,
         ),
         "restart without a command": ("after a stop, motion requires a new command", monitor.restarted),
         "jog without renewal": (

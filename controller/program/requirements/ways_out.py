@@ -97,10 +97,18 @@ def _from_stopped(machine: Transplanter) -> Iterator[WayOut]:
         yield WayOut(
             f"mode {mode.name.lower()}: selected in Stopped from any mode", stopped, (operator.press(command),), wanted
         )
+    unconfirmed = tags.machine.constants_open
+    stop = {**operator.off(), **dict([_terminal(tags.x.emergency_stop, active=True)])}
+    yield WayOut(
+        "X25 pressed and released: constants confirmed",
+        unconfirmed,
+        (operator.off(), stop, operator.off()),
+        ~unconfirmed,
+    )
     for state in HOMED_FROM:
         yield WayOut(
             f"reset: from {state.name.title()} to Resetting",
-            _is(machine, state),
+            _is(machine, state) & ~unconfirmed,
             (operator.press(tags.commands.reset),),
             _is(machine, State.RESETTING),
         )

@@ -188,6 +188,10 @@ _REFUSALS: Final = {
     "ROW_IN_PROGRESS": Text("a row is clamped but not lifted", "苗行已夹紧但未提起"),
     "NOT_STOPPED": Text("the machine is not in Stopped", "机器未处于停止状态"),
     "OTHER_ARM_OUT": Text("the other arm is out of service", "另一臂已停用"),
+    "CONSTANTS": Text(
+        "machine constants differ from their defaults and are not confirmed with X25",
+        "机器常数与默认值不同且未用 X25 确认",
+    ),
 }
 REFUSALS: Final = Declared("REFUSALS", __name__, _REFUSALS)
 """Reasons for refusing a command, by name of `refusals.Refusal`."""
@@ -234,6 +238,10 @@ _NEXT_PRESSES: Final = {
     19: Text("unsuspend by command, or press X24 to stop", "用命令解除暂挂，或按 X24 停止"),
     20: Text("jog by command, or press X24 to stop", "用命令点动，或按 X24 停止"),
     21: Text("release the button now", "现在松开按钮"),
+    22: Text(
+        "machine constants differ from their defaults; check them, press X25 and release it",
+        "机器常数与默认值不同；核对后按下 X25 再释放",
+    ),
 }
 NEXT_PRESSES: Final = Declared("NEXT_PRESSES", __name__, _NEXT_PRESSES)
 """Next useful press of the operator, by `next_press.NextPress`."""
@@ -243,6 +251,9 @@ NEXT: Final = Text("{text}; next: {press}", "{text}；下一步：{press}")
 
 IN_MODE: Final = Text("{text} (mode: {mode})", "{text}（模式：{mode}）")
 """Format of a press in a mode other than continuous."""
+
+CONSTANT: Final = Text("{name} {value} (default {default})", "{name} {value}（默认值 {default}）")
+"""Format of a machine constant that differs from its default."""
 
 CANNOT: Final = Text("cannot {order}: {reason}", "无法{order}：{reason}")
 """Format of a refusal."""

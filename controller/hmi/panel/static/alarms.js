@@ -4,6 +4,7 @@ import { app, getHistory, obstacle, order, refuse } from "./app.js";
 import { OrderButton } from "./controls.js";
 import { draw, make, mark, refill, write } from "./dom.js";
 import { duration, labelled, localized, named, note, sentence, t, wallClock } from "./texts.js";
+import { differingConstants } from "./parameters.js";
 import { section } from "./parts.js";
 
 const STATES = ["normal", "unacknowledged", "acknowledged", "returned_unacknowledged", "latched_unacknowledged",
@@ -120,12 +121,14 @@ class AlarmListItem {
     this.when = make("span", { class: "alarm-when" });
     this.orders = this.#buttons();
     const alarm = app.alarms.get(row.number);
+    this.constants = alarm?.names_constants ? make("p", { class: "alarm-constants" }) : null;
     this.node = make("li", { class: "alarm-row", "data-alarm": row.number, "data-state": stateOf(row.state) }, symbol(row),
       make("div", { class: "alarm-words" },
         make("strong", { text: `S${row.number} ${message(row)}` }),
         row.first_out ? make("span", { class: "first-out", text: t("alarms.first_out") }) : null,
         make("span", { class: "alarm-state", text: stateText(row.state) }),
         this.when,
+        this.constants,
         alarm === undefined ? null : make("p", { class: "alarm-check", text: labelled(t("alarms.check"), localized(alarm.check)) })),
       make("div", { class: "orders" }, ...this.orders.map((item) => item.node)));
   }
@@ -146,6 +149,7 @@ class AlarmListItem {
     write(this.when, stateOf(this.row.state) === SHELVED
       ? t("alarms.shelved_for", { left: duration(this.row.shelved_until_ms - now) })
       : t("alarms.came", { ago: duration(now - this.row.came_ms) }));
+    if (this.constants !== null) write(this.constants, differingConstants(view));
     this.orders.forEach((item) => item.update());
   }
 }

@@ -5,6 +5,29 @@ import { make, mark, write } from "./dom.js";
 import { labelled, named, t, unitText } from "./texts.js";
 import { section } from "./parts.js";
 
+/** Return the machine constants that differ from their defaults, as one text. */
+export function differingConstants(view) {
+  return app.describe.set_points.filter((point) => differs(view, point)).map((point) => t("parameters.differs", {
+    name: named(`set.${point.name}`, point.text),
+    value: display(point, view.set_points[point.name]),
+    first: display(point, point.first),
+  })).join("; ");
+}
+
+function differs(view, point) {
+  const raw = view.set_points[point.name];
+  return point.constant && raw !== undefined && raw !== point.first;
+}
+
+/** Return a value with its unit. */
+function display(point, raw) {
+  return `${scaled(point, raw)} ${unitText(point.unit)}`.trim();
+}
+
+function scaled(point, raw) {
+  return Number((raw * (point.scale ?? 1)).toFixed(3));
+}
+
 export class ParametersPage {
   constructor() {
     this.rows = app.describe.set_points.map((point) => new ParameterRow(point));
@@ -26,16 +49,19 @@ class ParameterRow {
     this.name = named(`set.${point.name}`, point.text);
     this.value = make("td", { class: "number", "data-fact": point.name });
     this.error = make("p", { class: "wrong", role: "alert" });
-    const limits = `${this.#display(point.lowest)} – ${this.#display(point.highest)} ${unitText(this.point.unit)}`;
+    const limits = `${scaled(point, point.lowest)} – ${display(point, point.highest)}`;
     this.node = make("tr", { "data-set-point": point.name }, make("th", { scope: "row", text: this.name }), this.value,
-      make("td", { class: "number", text: limits }), make("td", { class: "number", text: `${this.#display(point.first)} ${unitText(this.point.unit)}` }),
-      make("td", {}, point.at_start ? make("p", { class: "why", text: t("parameters.at_start") }) : this.#form()));
+      make("td", { class: "number", text: limits }), make("td", { class: "number", text: display(point, point.first) }),
+      make("td", {}, point.constant ? make("p", { class: "why", text: t("parameters.constant") }) : this.#form()));
   }
 
   update(view) {
     const raw = view.set_points[this.point.name];
-    write(this.value, raw === undefined ? "–" : `${this.#display(raw)} ${unitText(this.point.unit)}`);
-    if (this.point.at_start) return;
+    write(this.value, raw === undefined ? "–" : display(this.point, raw));
+    if (this.point.constant) {
+      mark(this.node, "data-differs", differs(view, this.point) ? "1" : null);
+      return;
+    }
     const reason = obstacle("operate");
     mark(this.button, "aria-disabled", reason === null ? null : "true");
     mark(this.button, "title", reason);
@@ -64,13 +90,9 @@ class ParameterRow {
     if (!/^\d+(\.\d+)?$/.test(text)) return { raw: null, error: t("parameters.not_number") };
     const raw = Number(text) / scale;
     if (raw < lowest || raw > highest) {
-      return { raw: null, error: t("parameters.range", { lowest: this.#display(lowest), highest: this.#display(highest) }) };
+      return { raw: null, error: t("parameters.range", { lowest: scaled(this.point, lowest), highest: scaled(this.point, highest) }) };
     }
     if (Math.abs(raw - Math.round(raw)) > 1e-6) return { raw: null, error: t("parameters.grain", { grain: scale }) };
     return { raw: Math.round(raw), error: null };
-  }
-
-  #display(raw) {
-    return Number((raw * (this.point.scale ?? 1)).toFixed(3));
   }
 }

@@ -71,6 +71,7 @@ def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
                 "safety": alarm.safety,
                 "stops_work": alarm.stops_work,
                 "device": devices.get(alarm.bit.number),
+                "names_constants": alarm.bit == machine.alarms.constants,
             }
             for alarm in machine.alarms
         ],
@@ -162,7 +163,7 @@ def _set_points(machine: Transplanter) -> Iterator[Json]:
             "lowest": lowest,
             "highest": highest,
             "first": defaults[word],
-            "at_start": word in set_points.constants,
+            "constant": word in set_points.constants,
         }
 
 

@@ -294,9 +294,8 @@ _HANDS: Final = {
     "parameters.first": Text("Default", "默认值"),
     "parameters.new": Text("New value", "新值"),
     "parameters.set": Text("Set", "设定"),
-    "parameters.at_start": Text(
-        "Machine constant: set with --set when the controller starts", "机器常数：在控制器启动时用 --set 设定"
-    ),
+    "parameters.constant": Text("Machine constant: given when the controller starts", "机器常数：在控制器启动时给定"),
+    "parameters.differs": Text("{name}: {value} (default {first})", "{name}：{value}（默认值 {first}）"),
     "parameters.not_number": Text("Enter a number", "请输入数字"),
     "parameters.range": Text("Enter {lowest} to {highest}", "请输入 {lowest} 至 {highest}"),
     "parameters.grain": Text("Enter a multiple of {grain}", "请输入 {grain} 的整数倍"),

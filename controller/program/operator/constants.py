@@ -1,0 +1,30 @@
+"""Confirmation of machine constants: a person presses and releases X25 before the first homing of a start.
+
+The confirmation is required only if a constant differs from its default. It shows that somebody stands at the machine
+who has read the message, and that the emergency stop works.
+"""
+
+from __future__ import annotations
+
+from controller.core.expr import all_of, any_of
+from controller.core.rungs import Out, Rst, Rung, Set, ZoneReset
+from controller.program.tags import FIRST_SCAN, Tags
+
+
+def constant_rungs(tags: Tags) -> list[Rung]:
+    """Return the rungs that compare the constants with their defaults and wait for X25; they precede the refusals.
+
+    X25 must be seen released before it is pressed, because an input that is not yet read counts as pressed. For the
+    same reason the level that replaces X25 while the field link is lost is no part of a press.
+    """
+    machine, defaults = tags.machine, dict(tags.sp.defaults)
+    stop, known = tags.x.emergency_stop, ~tags.system.link_lost
+    return [
+        *(Out(relay, when=word.differs(defaults[word])) for word, relay in tags.sp.differs.items()),
+        Out(machine.constants_differ, when=any_of(*tags.sp.differs.values())),
+        Set(machine.constants_open, when=FIRST_SCAN & machine.constants_differ),
+        Set(machine.confirm_ready, when=all_of(machine.constants_open, ~stop, known)),
+        Set(machine.confirming, when=all_of(machine.confirm_ready, stop, known)),
+        Rst(machine.constants_open, when=all_of(machine.confirming, ~stop, known)),
+        ZoneReset(machine.confirm_ready, machine.confirming, when=~machine.constants_open),
+    ]

@@ -1,0 +1,139 @@
+"""Confirmation of machine constants with X25 before the first homing of a start, from every bad beginning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from controller.events.production import AlarmEvent
+from controller.hmi.modbus.tag_list import tags as tag_list
+from controller.program.operator.next_press import NextPress
+from controller.program.operator.refusals import Refusal
+from controller.program.states import Mode, State
+from plant_sim.twin.lock_step import CLEAR_MS, Twin
+from plant_sim.twin.recovery import clear, press_emergency_stop
+from tests.controller.program.interlock_scene import MACHINE
+from tests.controller.program.recovery.test_disturbances import pull_the_cable
+from tests.controller.program.recovery.test_ways_out import read, refusals
+from tests.plant_sim.twin.twin_rig import switched_on
+from tests.wiring import wired
+
+MAY_MEET = {"arms_may_meet": 1}
+REFUSED = ("reset", Refusal.CONSTANTS, NextPress.CONFIRM_CONSTANTS)
+IO_MAP = wired("reset", "lamp_amber")
+
+
+def started(set_points: dict[str, int] | None = None) -> Twin:
+    """Return a machine in Stopped after power-up, with a constant that differs from its default."""
+    twin = switched_on(MAY_MEET if set_points is None else set_points, io_map=IO_MAP)
+    twin.run_for(200)
+    return twin
+
+
+def is_open(twin: Twin) -> bool:
+    """Return True if the constants still have to be confirmed."""
+    return bool(twin.plc.read(twin.machine.tags.machine.constants_open))
+
+
+def press_x0(twin: Twin) -> None:
+    """Press X0."""
+    twin.press("start")
+    twin.run_for(200)
+
+
+def press_x26(twin: Twin) -> None:
+    """Press the reset button."""
+    twin.press("reset")
+    twin.run_for(300)
+
+
+def command_reset(twin: Twin) -> None:
+    """Give the command."""
+    twin.command("reset")
+    twin.run_for(50)
+
+
+@pytest.mark.parametrize("home", [press_x0, press_x26, command_reset])
+@pytest.mark.parametrize("mode", [Mode.CONTINUOUS, Mode.MANUAL])
+def test_homing_is_refused_until_x25_has_been_pressed_and_released(home: Callable[[Twin], None], mode: Mode) -> None:
+    """Also in manual mode, since jogging begins with a reset."""
+    twin = started()
+    twin.command(f"mode_{mode.name.lower()}")
+    twin.run_for(50)
+    assert read(twin, "next_press") == NextPress.CONFIRM_CONSTANTS
+    home(twin)
+    assert twin.state is State.STOPPED
+    assert refusals(twin) == [REFUSED]
+    press_emergency_stop(twin)
+    assert is_open(twin)
+    assert read(twin, "next_press") == NextPress.RELEASE_EMERGENCY_STOP
+    clear(twin)
+    assert not is_open(twin)
+    assert read(twin, "next_press") == NextPress.HOME
+    home(twin)
+    assert twin.state is not State.STOPPED
+
+
+def test_without_a_difference_homing_needs_no_confirmation() -> None:
+    twin = started({})
+    assert not is_open(twin)
+    press_x0(twin)
+    assert twin.state is State.RESETTING
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in MACHINE.tags.sp.names() if getattr(MACHINE.tags.sp, n) in MACHINE.tags.sp.constants]
+)
+def test_each_constant_is_confirmed_and_named(name: str) -> None:
+    """On the console, and by a coil for each constant."""
+    word = getattr(MACHINE.tags.sp, name)
+    default = dict(MACHINE.tags.sp.defaults)[word]
+    twin = started({name: default + 1})
+    assert is_open(twin)
+    (warning,) = [event for event in twin.events if isinstance(event, AlarmEvent)]
+    assert warning.text == f"A machine constant differs from its default: {name} {default + 1} (default {default})"
+    coils = {tag.name: tag for tag in tag_list(MACHINE) if tag.name.endswith(".differs")}
+    assert len(coils) == len(MACHINE.tags.sp.constants)
+    shown = {tag for tag, coil in coils.items() if twin.plc.memory.M[int(coil.device[1:])]}
+    assert shown == {f"set.{name}.differs"}
+
+
+def test_a_press_that_lasts_since_power_up_does_not_confirm() -> None:
+    """At power-up, an input that is not yet read looks like a pressed X25."""
+    twin = Twin(set_points=MAY_MEET, io_map=IO_MAP)
+    twin.plant.box.emergency_stop = True
+    twin.run_for(500)
+    clear(twin)
+    assert is_open(twin)
+    twin.confirm_constants()
+    assert not is_open(twin)
+
+
+def test_a_lost_link_is_no_press() -> None:
+    """The level that replaces X25 during the loss, and its end, confirm nothing."""
+    twin = started()
+    pull_the_cable(twin, 500)
+    assert twin.state is State.ABORTED
+    clear(twin)
+    assert is_open(twin)
+
+
+def test_each_start_is_confirmed_anew() -> None:
+    twin = started()
+    twin.home()
+    twin.power_cycle()
+    twin.run_for(200)
+    assert is_open(twin)
+    press_x0(twin)
+    assert twin.state is State.STOPPED
+
+
+def test_a_later_stop_of_the_same_start_needs_no_confirmation() -> None:
+    twin = started()
+    twin.home()
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=CLEAR_MS)
+    twin.run_for(300)
+    press_x0(twin)
+    assert twin.state is State.RESETTING
