@@ -55,7 +55,7 @@ def add_export(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def _export(options: argparse.Namespace) -> int:
     machine = machine_of(options)
-    program = machine.program.with_set_points(start_values(machine.tags.sp, options))
+    program = machine.program.with_set_points(start_values(machine, options))
     pulses = stepper_output(program) if options.stepper == "plsy" else None
     report = TARGETS[options.target](PackageSource(program, machine.io_map, pulses, options.io), options.out)
     exported = program if report.complete else acting(program)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from controller.common.errors import InputError
@@ -12,6 +13,7 @@ from controller.common.yaml_lines import LocatedMapping, read_yaml, shown, unfol
 from controller.core.expr import Word
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import Transplanter, build
+from controller.program.requirements.travel_times import DELIVERED, TravelTimes, TravelTimesError, check_time, misfits
 from controller.program.set_points import SetPointError, SetPoints
 
 
@@ -38,6 +40,19 @@ def machine_of(options: argparse.Namespace, *, without: Collection[str] = ()) ->
     return build(load_io_map(options.io_map), without=without)
 
 
+@dataclass(frozen=True, slots=True)
+class StartValues:
+    """Values given at a start.
+
+    Attributes:
+        values: Values of set-points and machine constants.
+        times: Travel times of the machine.
+    """
+
+    values: dict[Word, int]
+    times: TravelTimes = DELIVERED
+
+
 def add_start_values(parser: argparse.ArgumentParser, *, example: str) -> None:
     """Add the options ``--set`` and ``--constants``."""
     parser.add_argument(
@@ -48,47 +63,74 @@ def add_start_values(parser: argparse.ArgumentParser, *, example: str) -> None:
         dest="set_points",
         help=f"initial value of a set-point, e.g. {example}; may be repeated",
     )
+    add_constants(parser, help_="; --set has priority")
+
+
+def add_constants(parser: argparse.ArgumentParser, *, help_: str = "") -> None:
+    """Add the option ``--constants``."""
     parser.add_argument(
         "--constants",
         type=Path,
         default=None,
         metavar="FILE",
-        help="YAML file with the machine constants that differ from their defaults; --set has priority",
+        help=f"YAML file with the machine constants and travel times that differ from their defaults{help_}",
     )
 
 
-def start_values(set_points: SetPoints, options: argparse.Namespace) -> dict[Word, int]:
-    """Return the values given by both options; ``--set`` has priority.
+def start_values(machine: Transplanter, options: argparse.Namespace) -> dict[Word, int]:
+    """Return the set-points given by both options, which fit the machine; ``--set`` has priority.
 
     Raises:
         ConstantsError: The file is invalid.
-        InputError: A value of ``--set`` is invalid.
+        InputError: A value of ``--set`` is invalid, or a time of the program does not fit the machine.
     """
-    constants = {} if options.constants is None else read_constants(set_points, options.constants)
-    return {**constants, **_assigned(set_points, options.set_points)}
+    set_points = machine.tags.sp
+    given = read_constants(set_points, options.constants)
+    values = {**given.values, **_assigned(set_points, options.set_points)}
+    lines = misfits(machine.program, machine.tags, given.times, values)
+    if lines:
+        source = "the delivered machine" if options.constants is None else options.constants.name
+        others = "" if len(lines) == 1 else f", and {len(lines) - 1} other times"
+        raise InputError(f"{source}: {lines[0]}{others}; correct --set or the travel times in --constants")
+    return values
 
 
-def read_constants(set_points: SetPoints, path: Path) -> dict[Word, int]:
-    """Return the machine constants in a file: a mapping of their names to integers.
+def read_constants(set_points: SetPoints, path: Path | None) -> StartValues:
+    """Return the contents of a constants file: a mapping of names to integers.
+
+    Args:
+        set_points: Set-points of the program.
+        path: Path of the file; None = no file.
 
     Raises:
         ConstantsError: The file cannot be read, or a name or a value is invalid.
     """
-    names = {name for name in set_points.names() if getattr(set_points, name) in set_points.constants}
+    if path is None:
+        return StartValues({})
+    constants = {name for name in set_points.names() if getattr(set_points, name) in set_points.constants}
+    times = {each.name for each in fields(TravelTimes)}
     located = unfold(read_yaml(path, ConstantsError), depth=1)
-    values = {}
+    values: dict[Word, int] = {}
+    given: dict[str, int] = {}
     for name, value in located.values.items():
-        if name not in names:
-            located.add_fault((name,), f"is no machine constant; {suggestion(name, sorted(names))}")
-            continue
         try:
-            word, number = set_points.checked(name, str(value) if isinstance(value, int) else shown(value))
+            if name in times:
+                given[name] = check_time(name, value)
+            elif name in constants:
+                word, number = set_points.checked(name, str(value) if isinstance(value, int) else shown(value))
+                values[word] = number
+            else:
+                known = sorted({*constants, *times})
+                located.add_fault((name,), f"is no machine constant or travel time; {suggestion(name, known)}")
         except SetPointError as error:
             located.add_fault((name,), str(error))
-        else:
-            values[word] = number
+        except TravelTimesError as error:
+            located.add_fault((name,), str(error).removeprefix(f"{name}: "))
     _raise_first(path, located)
-    return values
+    try:
+        return StartValues(values, TravelTimes(**given))
+    except TravelTimesError as error:
+        raise ConstantsError(f"{path.name}: {error}") from error
 
 
 def _raise_first(path: Path, located: LocatedMapping) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Final, Literal
 
-from controller.cli.machine import add_io_map, machine_of
+from controller.cli.machine import add_constants, add_io_map, machine_of, read_constants
 from controller.cli.mutants import add_mutant_arguments, run_mutants
 from controller.common.errors import InputError
 from controller.core.clock import MonotonicClock
@@ -42,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", type=Path, default=None, metavar="FILE", help="file for the text of --verbose")
     parser.add_argument("--json", action="store_true", help="print the report as JSON, including traces")
     parser.add_argument("--traces", type=Path, default=None, help="folder for the traces of violated requirements")
+    add_constants(parser)
     add_mutant_arguments(parser)
 
 
@@ -50,9 +51,11 @@ def run(options: argparse.Namespace) -> int:
     clock = MonotonicClock()
     if options.mutants is not None:
         return run_mutants(options, lambda: clock.now_ms() / 1000)
+    machine = machine_of(options, without=options.without)
+    times = read_constants(machine.tags.sp, options.constants).times
     try:
         text, good = prove_command(
-            specification_of(machine_of(options, without=options.without)),
+            specification_of(machine, times),
             clock=lambda: clock.now_ms() / 1000,
             goals=options.goal,
             short=options.short,

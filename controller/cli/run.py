@@ -274,7 +274,7 @@ def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Ite
         raise InputError(f"--retain {options.retain}: {error}") from error
     try:
         _restore(machine, plc, store)
-        for word, value in start_values(machine.tags.sp, options).items():
+        for word, value in start_values(machine, options).items():
             plc.write(word, value)
         for name, (value, default) in machine.tags.sp.changed(plc.read).items():
             print(f"machine constant {name}: {value} instead of {default}", file=sys.stderr, flush=True)

@@ -94,12 +94,14 @@ class ComputedProperty:
         run: Function that examines the property.
         rests_on: Names of the invariants on which the result depends; none if the program is executed.
         explores: True if the property is examined by executing the program from many situations, which is no proof.
+        of_program: Function that examines another program with the same devices; None if there is none.
     """
 
     name: str
     run: Callable[[], PropertyResult]
     rests_on: tuple[str, ...] = ()
     explores: bool = False
+    of_program: Callable[[Program], PropertyResult] | None = None
 
 
 @dataclass(frozen=True)

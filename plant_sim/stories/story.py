@@ -115,6 +115,7 @@ def observe(story: Story, machine: Transplanter, parameters: Machine) -> Observa
         parameters=parameters.with_values(story.values) if story.values else parameters,
         set_points={"trays_target": story.trays, **story.set_points},
         machine=machine,
+        misfit=True,  # a changed program may contain any time
     )
     twin.plant.seedlings.make_typical()
     stage = Stage(twin)

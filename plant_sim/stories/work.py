@@ -21,6 +21,8 @@ LATE = {"descend_at_count": 11, "converge_at": 1}
 """Set-points with which the arms lower and converge late; they enter all steps of the cycle."""
 FASTER = {"cups.planting_frequency_per_min": 60.0}
 """Faster tractor, for shorter stories."""
+WIDE = FASTER | {"layout.arms_may_meet_in_plant": True}
+"""As `FASTER`, with room for both arms in the centre."""
 
 
 def begin(twin: Twin) -> None:
@@ -263,7 +265,7 @@ STORIES = (
     Story("stops in homing", stops_in_homing),
     Story("one cycle and zero return", one_cycle, trays=2, values=FASTER),
     Story("early descent and converging", set_points, set_points={"descend_at_count": 9, "converge_at": 1}),
-    Story("arms may meet", set_points, set_points={"arms_may_meet": 1}, values=FASTER),
+    Story("arms may meet", set_points, set_points={"arms_may_meet": 1}, values=WIDE),
     Story("jogs", jogs, trays=3, set_points={"trays_target": 2}),
     Story("steps", steps, trays=2),
     Story("steps, lowering and converging late", steps, trays=2, set_points=LATE),

@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict
 from functools import cache, lru_cache
+from typing import Final
 
+import yaml
+
+from controller.common.errors import InputError
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import Transplanter, build
+from controller.program.requirements.travel_times import TravelTimes, misfits
 from controller.program.set_points import SetPoints
 from plant_sim.machine.parameters import Machine, load_machine
 
-SLIDE_M_S = 0.15
+SLIDE_M_S: Final = 0.15
 """Slide speed to which the throttles are adjusted, m/s."""
+LIFT_M_S: Final = 0.2
+"""Lift speed to which the throttles are adjusted, m/s."""
+LIFT_FASTEST_M_S: Final = 0.43
+"""Speed of the lift if a jam has vented the chamber ahead of the piston, m/s: 138 mm in 0.32 s (simulated)."""
+BELT_M_S: Final = 0.2
+"""Speed of the belt, m/s (machine.yaml, spreader.emf_v_s_m)."""
+
+
+class MisfitError(InputError):
+    """Raised for constants that do not fit the machine; the message is one line with the remedy."""
 
 
 @cache
@@ -32,13 +49,56 @@ def program_of(io_map: IoMap) -> Transplanter:
 
 
 def set_points_of(machine: Machine) -> dict[str, int]:
-    """Return the initial values of the set-points that depend on the machine.
+    """Return the machine constants that depend on the dimensions of the machine.
 
     `slide_least` is three quarters of the travel time from the first row's switch to the feed switch.
     """
-    slide = machine.slide
-    way_m = machine.picks_m[0] - 2 * (slide.switch_band_m + slide.switch_hysteresis_m)
-    return {"slide_least": max(10, round(0.75 * way_m / SLIDE_M_S * 100))}
+    least = 0.75 * travel_times_of(machine).row_1_shortest_ms / 10
+    return {"slide_least": max(10, round(least)), "arms_may_meet": int(machine.layout.arms_may_meet_in_plant)}
+
+
+def travel_times_of(machine: Machine) -> TravelTimes:
+    """Return the travel times of a machine from its dimensions and the speeds to which it is adjusted."""
+    slide, lift, belt = machine.slide, machine.lift, machine.spreader
+    first_m, row_m = machine.picks_m[0], machine.picks_m[1] - machine.picks_m[0]
+    slide_bands_m, lift_bands_m, belt_bands_m = (
+        2 * (each.switch_band_m + each.switch_hysteresis_m) for each in (slide, lift, belt)
+    )
+    return TravelTimes(
+        lift_ms=_ms(lift.stroke_m, LIFT_M_S),
+        lift_shortest_ms=_ms(lift.stroke_m - lift_bands_m, LIFT_FASTEST_M_S),
+        belt_ms=_ms(belt.travel_m, BELT_M_S),
+        belt_shortest_ms=_ms(belt.travel_m - belt_bands_m, BELT_M_S),
+        row_1_ms=_ms(first_m, SLIDE_M_S),
+        row_1_shortest_ms=_ms(first_m - slide_bands_m, SLIDE_M_S),
+        row_ms=_ms(row_m, SLIDE_M_S),
+        row_shortest_ms=_ms(row_m - slide_bands_m, SLIDE_M_S),
+    )
+
+
+def constants_file(machine: Machine) -> str:
+    """Return the text of the constants file of a machine (``controller run --constants``)."""
+    return yaml.safe_dump(set_points_of(machine) | asdict(travel_times_of(machine)), sort_keys=False)
+
+
+def check_fit(program: Transplanter, machine: Machine, set_points: Mapping[str, int]) -> None:
+    """Check that a program with set-points fits a machine.
+
+    Args:
+        program: Program of the machine.
+        machine: Parameters of the machine.
+        set_points: Values of set-points, by name; the others have their defaults.
+
+    Raises:
+        MisfitError: A time does not fit the machine, or the arms may meet although there is no room.
+    """
+    if set_points.get("arms_may_meet") and not machine.layout.arms_may_meet_in_plant:
+        raise MisfitError("arms_may_meet: 1, but layout.arms_may_meet_in_plant of the machine is false; change one")
+    sp = program.tags.sp
+    values = {getattr(sp, name): value for name, value in set_points.items()}
+    lines = misfits(program.program, program.tags, travel_times_of(machine), values)
+    if lines:
+        raise MisfitError(f"{lines[0]}; correct the set-points or the parameters of the machine")
 
 
 def needs_confirmation(machine: Machine) -> bool:
@@ -46,3 +106,7 @@ def needs_confirmation(machine: Machine) -> bool:
     set_points = SetPoints()
     defaults = dict(set_points.defaults)
     return any(defaults[getattr(set_points, name)] != value for name, value in set_points_of(machine).items())
+
+
+def _ms(way_m: float, speed_m_s: float) -> int:
+    return round(1_000 * way_m / speed_m_s)

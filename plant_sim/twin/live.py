@@ -20,7 +20,7 @@ from typing import Any
 from controller.program.states import State
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.machine.parameters import load_machine
-from plant_sim.twin.commissioning import needs_confirmation, set_points_of
+from plant_sim.twin.commissioning import constants_file, needs_confirmation
 from plant_sim.twin.lock_step import CLEAR_MS, SCAN_MS
 from plant_sim.twin.operator import Operator, counts_of
 from plant_sim.twin.process import ChildError, Interrupts, LiveError, Process
@@ -144,9 +144,9 @@ def _control(o: LiveOptions, common: Sequence[str], folder: Path) -> list[str]:
     control += ["--scan-ms", str(SCAN_MS)]
     if not o.real_time:
         control += ["--simulated-time", "--pace", str(o.pace), "--timeout-ms", str(LOCK_STEP_TIMEOUT_MS)]
-    for name, value in {"trays_target": o.trays, **set_points_of(load_machine(o.machine))}.items():
-        control += ["--set", f"{name}={value}"]
-    return control
+    constants = folder / "constants.yaml"
+    constants.write_text(constants_file(load_machine(o.machine)), encoding="utf-8")
+    return [*control, "--constants", str(constants), "--set", f"trays_target={o.trays}"]
 
 
 def _panel(o: LiveOptions, folder: Path, port: int, hmi_port: int) -> list[str]:

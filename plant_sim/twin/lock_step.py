@@ -24,7 +24,7 @@ from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.commissioning import default_io_map, default_parameters, program_of, set_points_of
+from plant_sim.twin.commissioning import check_fit, default_io_map, default_parameters, program_of, set_points_of
 from plant_sim.twin.compiled_run import CompiledRun
 from plant_sim.twin.conditions import Interpreter, check_advances
 from plant_sim.twin.kernel import CHANGE, CONDITION
@@ -84,6 +84,7 @@ class Twin(Watched):
         faults: Iterable[Fault] = (),
         step_by_step: bool = False,
         machine: Transplanter | None = None,
+        misfit: bool = False,
     ) -> None:
         """Power up a machine in its initial position, with the controller in Stopped.
 
@@ -96,9 +97,11 @@ class Twin(Watched):
             faults: Faults of the plant.
             step_by_step: True to execute the program and every tick in Python; the results are the same.
             machine: Program and its tags, for the same I/O map; None = the program of the I/O map.
+            misfit: True to permit constants that do not fit the machine, in order to show what they do.
 
         Raises:
             FaultError: A fault is not possible in this plant.
+            MisfitError: The constants of the program do not fit the machine.
         """
         super().__init__()
         self.io_map = io_map or default_io_map()
@@ -113,6 +116,8 @@ class Twin(Watched):
         self.store = MemoryStore()
         self._step_by_step = step_by_step
         self._set_points = set_points_of(self.parameters) | dict(set_points or {})
+        if not misfit:
+            check_fit(self.machine, self.parameters, self._set_points)
         self.runtime: Runtime
         self._releases: dict[str, int] = {}
         self._compiled: CompiledRun | None = None
@@ -336,8 +341,7 @@ class Twin(Watched):
             self.run_until_state(State.ABORTED, within_ms=INPUT_MS)
             self.run_for(INPUT_MS)
             self.press("stop", for_ms=CLEAR_MS)
-            self.run_until_state(State.STOPPED, within_ms=CLEAR_MS + INPUT_MS)
-            self.run_for(INPUT_MS)
+            self.run_for(CLEAR_MS + INPUT_MS)
 
     def home(self, within_ms: int = 40_000) -> None:
         """Press X0 in Stopped and wait for Idle, after machine constants have been confirmed if necessary."""

@@ -310,7 +310,7 @@ def _set_point_tags(machine: Transplanter) -> Iterator[Tag]:
         )
     for word, relay in sp.differs.items():
         name = next(name for name in sp.names() if getattr(sp, name) is word)
-        yield _bit(f"set.{name}.differs", relay)
+        yield _bit(f"constant.{name}.differs", relay)
 
 
 def _alarm_tags(machine: Transplanter) -> Iterator[Tag]:

@@ -18,10 +18,11 @@ def constant_rungs(tags: Tags) -> list[Rung]:
     same reason the level that replaces X25 while the field link is lost is no part of a press.
     """
     machine, defaults = tags.machine, dict(tags.sp.defaults)
+    differ = {word: word.differs(defaults[word]) for word in tags.sp.constants}
     stop, known = tags.x.emergency_stop, ~tags.system.link_lost
     return [
-        *(Out(relay, when=word.differs(defaults[word])) for word, relay in tags.sp.differs.items()),
-        Out(machine.constants_differ, when=any_of(*tags.sp.differs.values())),
+        *(Out(tags.sp.differs[word], when=condition) for word, condition in differ.items()),
+        Out(machine.constants_differ, when=any_of(*differ.values())),
         Set(machine.constants_open, when=FIRST_SCAN & machine.constants_differ),
         Set(machine.confirm_ready, when=all_of(machine.constants_open, ~stop, known)),
         Set(machine.confirming, when=all_of(machine.confirm_ready, stop, known)),

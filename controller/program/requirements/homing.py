@@ -18,6 +18,7 @@ from controller.program.machine import Transplanter
 from controller.program.requirements.homing_starts import arm_starts, situations, tray_situations
 from controller.program.requirements.homing_trial import SCAN_MS, Ending, HomingStart, HomingTrial
 from controller.program.requirements.time_limit import time_limit
+from controller.program.requirements.travel_times import DELIVERED, TravelTimes
 from controller.program.states import State
 from controller.verify.bounds import UnboundedError
 
@@ -88,21 +89,29 @@ class Exploration:
             self._home(trial, situation, before)
 
 
-def explore(machine: Transplanter, *, thorough: bool = False, every: int = 1, scan_ms: int = SCAN_MS) -> Exploration:
+def explore(
+    machine: Transplanter,
+    times: TravelTimes = DELIVERED,
+    *,
+    thorough: bool = False,
+    every: int = 1,
+    scan_ms: int = SCAN_MS,
+) -> Exploration:
     """Home from every situation with a machine without faults and a truthful operator.
 
     Args:
         machine: Program of the machine.
+        times: Travel times of the machine.
         thorough: True for all states of the rows, and for each start on both arms, at rest and after a loss of power.
         every: Distance of the situations that are examined in the list of all.
         scan_ms: Scan time, ms.
     """
     found, limit_ms = Exploration(), _abandoned_ms(machine)
-    trial = HomingTrial(machine, scan_ms=scan_ms, limit_ms=limit_ms)
+    trial = HomingTrial(machine, times, scan_ms=scan_ms, limit_ms=limit_ms)
     starts = arm_starts(trial.model, all_rows=thorough)
     for situation in islice(situations(machine, trial.model, starts, thorough=thorough), 0, None, every):
         found.add(trial, situation)
-    trial = HomingTrial(machine, scan_ms=TRAY_SCAN_MS, limit_ms=limit_ms)
+    trial = HomingTrial(machine, times, scan_ms=TRAY_SCAN_MS, limit_ms=limit_ms)
     for situation in islice(tray_situations(machine, trial.model), 0, None, every):
         found.add(trial, situation)
     return found
@@ -128,9 +137,9 @@ def explore_stuck_switches(machine: Transplanter, *, every: int = 1) -> Explorat
     return found
 
 
-def explored(machine: Transplanter) -> PropertyResult:
+def explored(machine: Transplanter, times: TravelTimes = DELIVERED) -> PropertyResult:
     """Return the result of `explore` for the report of the proof."""
-    found = explore(machine)
+    found = explore(machine, times)
     longest = found.longest
     summary = f"{found.starts} starts, {found.homings} homings, at most {MOST_HOMINGS} from each"
     lines = [summary if longest is None else f"{summary}, longest {longest.ms / 1000:.1f} s"]

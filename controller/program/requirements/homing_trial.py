@@ -14,6 +14,7 @@ from controller.program.inputs import Inputs
 from controller.program.machine import Transplanter
 from controller.program.places import REST_MS
 from controller.program.requirements.travel_model import TRAY_MS, TravelModel
+from controller.program.requirements.travel_times import DELIVERED, TravelTimes
 from controller.program.states import Mode, State
 from controller.program.tags import IN_PLACE, SIDES, Side
 
@@ -75,16 +76,19 @@ class HomingTrial:
         model: Travel model.
     """
 
-    def __init__(self, machine: Transplanter, *, scan_ms: int = SCAN_MS, limit_ms: int) -> None:
+    def __init__(
+        self, machine: Transplanter, times: TravelTimes = DELIVERED, *, scan_ms: int = SCAN_MS, limit_ms: int
+    ) -> None:
         """Prepare trials of a machine.
 
         Args:
             machine: Program of the machine.
+            times: Travel times of the machine.
             scan_ms: Scan time, ms.
             limit_ms: Time after which a homing is abandoned, ms.
         """
         self.machine = machine
-        self.model = TravelModel(machine.io_map, active_at_rest=_needed_inputs(machine))
+        self.model = TravelModel(machine.io_map, times, active_at_rest=_needed_inputs(machine))
         self._scan_ms, self._limit_ms = scan_ms, limit_ms
         program: Program = replace(machine.program, blocks=(*machine.program.blocks, self.model.block))
         self._execution = MachineExecution(program)
@@ -124,8 +128,7 @@ class HomingTrial:
         if self._plc.read(self.machine.tags.machine.constants_open):
             self._confirm_constants()
         if not situation.powered_up:
-            for _ in range(RESTS_MS // self._scan_ms):
-                self._scan()
+            self._scans(RESTS_MS // self._scan_ms)
             self._write(values, values.keys())
 
     def home(self) -> Ending:
@@ -171,8 +174,7 @@ class HomingTrial:
         """Give commands, and execute three scans, in which they and repaired switches take effect."""
         for command in commands:
             self._plc.press(command)
-        for _ in range(3):
-            self._scan()
+        self._scans(3)
 
     def repair(self) -> None:
         """Let all switches follow their devices again."""
@@ -184,16 +186,18 @@ class HomingTrial:
         stop = self.model.stuck_on[self.machine.io_map["emergency_stop"].number]
         for pressed in (0, 1, 0):
             self._plc.write(stop, pressed)
-            self._scan()
-            self._scan()
+            self._scans(2)
         self._plc.press(self.machine.tags.commands.clear)
-        self._scan()
-        self._scan()
+        self._scans(2)
 
     def _write(self, values: Mapping[Bit | Word, int], devices: Collection[Bit | Word]) -> None:
         for device, value in values.items():
             if device in devices:
                 self._plc.write(device, value)
+
+    def _scans(self, count: int) -> None:
+        for _ in range(count):
+            self._scan()
 
     def _scan(self) -> None:
         self._sense()

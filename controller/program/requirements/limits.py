@@ -8,9 +8,10 @@ from typing import Final
 from controller.core.expr import Expr, any_of
 from controller.core.specification import Limit
 from controller.program.requirements.safety import Safety
+from controller.program.requirements.travel_times import TravelTimes
 from controller.program.tags import SIDES, Side, Tags
 
-ASSUMPTIONS: Final = (
+_ASSUMPTIONS: Final = (
     "at most one switch of an arm is false and has neither been detected nor verified since",
     "a switch that comes on while its device is driven between two places, not sooner than at the highest speed of the "
     "device, is true at that moment (what follows if it is not: see the limits)",
@@ -18,7 +19,6 @@ ASSUMPTIONS: Final = (
     "a device whose coils are off stays where it is, unless a person moves it",
     "retentive memory is that of the last complete scan; outputs reach the terminals in the scan after the image",
 )
-"""Statements about the machine on which the requirements rely."""
 
 _LATE = (
     "{switch} fails on while its device is driven towards it, after the shortest travel time: until the other switch "
@@ -27,6 +27,21 @@ _LATE = (
 _DEAD = (
     "the switch of the next row is dead: until the slide should have arrived, this cannot be told from a slower slide"
 )
+
+
+def assumptions(times: TravelTimes) -> tuple[str, ...]:
+    """Return the statements about the machine on which the requirements rely.
+
+    Args:
+        times: Travel times of the machine.
+    """
+    travel = (
+        f"the devices travel in these times: lift {times.lift_shortest_ms} to {times.lift_ms} ms, "
+        f"belt {times.belt_shortest_ms} to {times.belt_ms} ms, slide from feed to row 1 {times.row_1_shortest_ms} to "
+        f"{times.row_1_ms} ms and from row to row {times.row_shortest_ms} to {times.row_ms} ms, "
+        f"claws at most {times.claws_ms} ms (constants file)"
+    )
+    return (*_ASSUMPTIONS, travel)
 
 
 def limits(tags: Tags, safety: Safety) -> Iterator[Limit]:

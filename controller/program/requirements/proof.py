@@ -7,14 +7,16 @@ from collections.abc import Iterable, Iterator
 from functools import partial
 
 from controller.core.expr import FALSE, Expr, Word, all_of, any_of
+from controller.core.program import Program
 from controller.core.sequence import Sequence
 from controller.core.specification import ComputedProperty, Invariant, PropertyResult, Specification
 from controller.program.machine import Transplanter
 from controller.program.places import devices
-from controller.program.requirements.limits import ASSUMPTIONS, limits
+from controller.program.requirements.limits import assumptions, limits
 from controller.program.requirements.positions import PositionMonitor
 from controller.program.requirements.safety import ArmMonitor, Safety
 from controller.program.requirements.time_limit import bounded
+from controller.program.requirements.travel_times import DELIVERED, TravelTimes, fits
 from controller.program.requirements.ways_out import ways_out
 from controller.program.states import MOVING, Mode, State
 from controller.program.tags import FORGOTTEN, IN_PLACE, IN_PROGRESS, NO_TRAY, ROWS, SIDES, TAKEN, Side
@@ -22,8 +24,13 @@ from controller.program.tags import FORGOTTEN, IN_PLACE, IN_PROGRESS, NO_TRAY, R
 _NAMES = {"lift": ("down", "up"), "slide": ("feed", "pick 1", "pick 2", "pick 3"), "belt": ("spread", "converged")}
 
 
-def specification(machine: Transplanter) -> Specification:
-    """Return the specification to be proved for the machine's program."""
+def specification(machine: Transplanter, times: TravelTimes = DELIVERED) -> Specification:
+    """Return the specification to be proved for the machine's program.
+
+    Args:
+        machine: Program of the machine.
+        times: Travel times of the machine.
+    """
     tags = machine.tags
     safety = Safety(tags, machine.alarms)
     invariants = dict(_of_machine(machine, safety))
@@ -38,22 +45,26 @@ def specification(machine: Transplanter) -> Specification:
         invariants=tuple(Invariant(name, holds) for name, holds in invariants.items()),
         ways_out=ways_out(machine),
         ranges=tags.sp.limits,
-        assumptions=ASSUMPTIONS,
+        assumptions=assumptions(times),
         limits=tuple(limits(tags, safety)),
-        checks=_checks(machine),
+        checks=_checks(machine, times),
     )
 
 
-def _checks(machine: Transplanter) -> tuple[ComputedProperty, ComputedProperty]:
-    """Return the checks that homing ends, and that it arrives in Idle."""
+def _checks(machine: Transplanter, times: TravelTimes) -> tuple[ComputedProperty, ...]:
+    """Return the checks of the times of the program, that homing ends, and that it arrives in Idle."""
 
     def arrives() -> PropertyResult:
         from controller.program.requirements.homing import explored  # noqa: PLC0415 - requires llvmlite
 
-        return explored(machine)
+        return explored(machine, times)
+
+    def timed(program: Program) -> PropertyResult:
+        return fits(program, machine.tags, times)
 
     rests_on = tuple(name for name, _ in _homing_ends(machine))
     return (
+        ComputedProperty("times fit the machine", partial(timed, machine.program), of_program=timed),
         ComputedProperty("homing ends within T", partial(bounded, machine), rests_on),
         ComputedProperty("homing arrives in Idle", arrives, explores=True),
     )

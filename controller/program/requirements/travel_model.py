@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Final
 
 from controller.core.expr import FALSE, TRUE, Bit, Expr, Word
 from controller.core.program import Block
@@ -17,14 +16,9 @@ from controller.core.rungs import Add, Out, Rst, Rung, Subtract
 from controller.iomap.loader import IoMap
 from controller.program.areas import Area
 from controller.program.inputs import driven
+from controller.program.requirements.travel_times import TravelTimes
 from controller.program.tags import ROWS, SIDES
 
-LIFT_MS: Final = 750
-"""Travel time of the lift, ms: 150 mm at 0.2 m/s."""
-BELT_MS: Final = 940
-"""Travel time of the belt, ms: 187 mm at 0.2 m/s."""
-PICK_MS: Final = {row: 1_950 + 287 * (row - 1) for row in ROWS}
-"""Travel time of the slide from feed to each row, ms: 292.5 mm and 43 mm from row to row at 0.15 m/s."""
 LIFT_BAND_MS, SLIDE_BAND_MS, BELT_BAND_MS = 30, 40, 30
 """Half of the travel time through the band of a switch, ms: 6 mm at the speed of the device."""
 TRAY_MS, TRAY_AND_GAP_MS = 2_700, 2_900
@@ -68,11 +62,12 @@ class TravelModel:
         block: Rungs of the model; they follow the outputs in the scan.
     """
 
-    def __init__(self, io_map: IoMap, *, active_at_rest: Collection[int]) -> None:
+    def __init__(self, io_map: IoMap, times: TravelTimes, *, active_at_rest: Collection[int]) -> None:
         """Declare the devices and rungs of the model.
 
         Args:
             io_map: I/O map of the machine.
+            times: Travel times of the machine.
             active_at_rest: X numbers of the inputs without a device in the model that are active; the others are not.
         """
         d, count = Area("D", 7_900, 7_999, "travel model"), io_map.input_count
@@ -83,7 +78,7 @@ class TravelModel:
         self.scan_ms = d.word("scan ms", "scan time")
         self.tray_sensor = io_map["tray_front_edge"].number
         self.tray = d.word("tray", "way of the tray")
-        self.devices = {side: _devices(io_map, d, side) for side in SIDES}
+        self.devices = {side: _devices(io_map, times, d, side) for side in SIDES}
         self.block = Block("travel model", tuple(self._rungs(io_map, active_at_rest)))
 
     @property
@@ -111,24 +106,24 @@ class TravelModel:
             yield Out(self.levels[number], when=~active if point.inverted else active)
 
 
-def _devices(io_map: IoMap, d: Area, side: str) -> dict[str, Travel]:
+def _devices(io_map: IoMap, times: TravelTimes, d: Area, side: str) -> dict[str, Travel]:
     """Return the devices of one arm: end, band, coils to the far and to the near end, and switches with their input."""
-    rows = {f"pick {row}": (f"slide_at_pick_{row}", at) for row, at in PICK_MS.items()}
+    rows = {f"pick {row}": (f"slide_at_pick_{row}", times.row_1_ms + n * times.row_ms) for n, row in enumerate(ROWS)}
     table = {
         "lift": (
-            (LIFT_MS, LIFT_BAND_MS),
+            (times.lift_ms, LIFT_BAND_MS),
             ("lift_retract", "lift_extend"),
-            {"down": ("lift_down", 0), "up": ("lift_up", LIFT_MS)},
+            {"down": ("lift_down", 0), "up": ("lift_up", times.lift_ms)},
         ),
         "slide": (
-            (PICK_MS[ROWS[-1]] + SLIDE_BAND_MS, SLIDE_BAND_MS),
+            (times.slide_ms + SLIDE_BAND_MS, SLIDE_BAND_MS),
             ("slide_inward", "slide_outward"),
             {"feed": ("slide_at_feed", 0), **rows},
         ),
         "belt": (
-            (BELT_MS, BELT_BAND_MS),
+            (times.belt_ms, BELT_BAND_MS),
             ("spread", "converge"),
-            {"converged": ("claws_converged", 0), "spread": ("claws_spread", BELT_MS)},
+            {"converged": ("claws_converged", 0), "spread": ("claws_spread", times.belt_ms)},
         ),
     }
     return {

@@ -99,11 +99,10 @@ def _from_stopped(machine: Transplanter) -> Iterator[WayOut]:
         )
     unconfirmed = tags.machine.constants_open
     stop = {**operator.off(), **dict([_terminal(tags.x.emergency_stop, active=True)])}
+    ready = tags.machine.confirm_ready
+    yield WayOut("X25 released: its press confirms the constants", unconfirmed, (operator.off(),), ready | ~unconfirmed)
     yield WayOut(
-        "X25 pressed and released: constants confirmed",
-        unconfirmed,
-        (operator.off(), stop, operator.off()),
-        ~unconfirmed,
+        "X25 pressed and released: constants confirmed", unconfirmed & ready, (stop, operator.off()), ~unconfirmed
     )
     for state in HOMED_FROM:
         yield WayOut(

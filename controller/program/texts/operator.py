@@ -190,7 +190,7 @@ _REFUSALS: Final = {
     "OTHER_ARM_OUT": Text("the other arm is out of service", "另一臂已停用"),
     "CONSTANTS": Text(
         "machine constants differ from their defaults and are not confirmed with X25",
-        "机器常数与默认值不同且未用 X25 确认",
+        "机器常数与默认值不同，尚未用急停按钮确认",
     ),
 }
 REFUSALS: Final = Declared("REFUSALS", __name__, _REFUSALS)

@@ -64,6 +64,9 @@ class Judgement:
 
     def by_proof(self, mutant: Mutant) -> MutantResult | None:
         """Return the result of a mutant if it is killed by proof, otherwise None."""
+        for check in self._specification.checks:
+            if check.of_program is not None and not check.of_program(mutant.program).holds:
+                return _result(mutant, Fate.PROOF, check.name)
         try:
             violated = self._proof.violated(mutant.program)
             if violated:

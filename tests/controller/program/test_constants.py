@@ -128,7 +128,7 @@ def test_every_mode_is_restored() -> None:
 def given(path: Path | None, *assignments: str) -> dict[str, int]:
     """Return the values of a start by name."""
     options = argparse.Namespace(constants=path, set_points=assignments)
-    return {NAMES[word]: value for word, value in start_values(SP, options).items()}
+    return {NAMES[word]: value for word, value in start_values(MACHINE, options).items()}
 
 
 def test_constants_come_from_a_file_and_set_has_priority(tmp_path: Path) -> None:
@@ -141,8 +141,11 @@ def test_constants_come_from_a_file_and_set_has_priority(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("clmp: 30\n", "1: clmp: is no machine constant; did you mean clamp?"),
-        ("settle: 30\n", "1: settle: is no machine constant; use one of arms_may_meet, clamp, release, slide_least"),
+        ("clmp: 30\n", "1: clmp: is no machine constant or travel time; did you mean clamp?"),
+        ("lift_ms: 0\n", "1: lift_ms: must be an integer, 1 to 60000"),
+        ("lift_ms: 0.75\n", "1: lift_ms: must be an integer, 1 to 60000"),
+        ("lift_ms: true\n", "1: lift_ms: must be an integer, 1 to 60000"),
+        ("lift_ms: 300\n", " lift_shortest_ms: must not exceed lift_ms, 300"),
         ("arms_may_meet: 1\nclamp: 9\n", "2: clamp: must be 10 to 200"),
         ("clamp: true\n", "1: clamp: must be an integer, 10 to 200"),
         ("clamp: [20]\n", "1: clamp: must be an integer, 10 to 200"),

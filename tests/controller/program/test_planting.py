@@ -272,7 +272,7 @@ def test_the_export_contains_the_planter_speed_only_if_it_is_wired() -> None:
     assert "planting speeds" not in blocks["delivered"]
     assert "planting speeds" not in blocks["sensor"]
     assert "planting speeds" in blocks["both"]
-    assert usage(export(acting(build(BOTH).program))).steps < MOST_STEPS - 250
+    assert usage(export(acting(build(BOTH).program))).steps < MOST_STEPS - 200
 
 
 def test_the_exported_planter_speed_is_equal_in_every_scan() -> None:

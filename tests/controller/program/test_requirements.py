@@ -163,6 +163,10 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
     "an emergency stop is ended only by a person": [
         Case("clearing without the end of a press or a command", "cleared_unbidden", "cleared_unbidden"),
     ],
+    "constants that differ are confirmed before the first homing": [
+        Case("homing before the constants are confirmed", "unconfirmed entered_resetting", "unconfirmed"),
+        Case("homing before the constants are confirmed", "unconfirmed entered_resetting", "entered_resetting"),
+    ],
     "one arm at least is in service": [
         Case("both arms out of service", "left.out_of_service right.out_of_service", f"{side}.out_of_service")
         for side in SIDES
@@ -210,6 +214,8 @@ def machine_facts() -> dict[str, Expr]:
         "restarted": SAFETY.machine.restarted,
         "jog_unbidden": SAFETY.machine.jog_unbidden,
         "cleared_unbidden": SAFETY.machine.cleared_unbidden,
+        "unconfirmed": SAFETY.machine.unconfirmed,
+        "entered_resetting": TAGS.machine.entered_resetting,
         "tray_front_edge": tray.edge,
         "tray_fault": MACHINE.alarms.tray_jam,
         "tray_asked": tray.ask,

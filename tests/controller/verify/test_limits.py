@@ -60,7 +60,7 @@ def test_a_requirement_that_is_not_proved_is_not_excused_by_a_limit() -> None:
 
 def test_the_assumptions_are_the_first_lines_of_the_report() -> None:
     assert with_limit(y(0)).text().startswith("assumption 1: the motor stops at once\n")
-    assert len(SOUND.assumptions) == 5
+    assert len(SOUND.assumptions) == 6
 
 
 def test_both_arms_have_the_same_limits() -> None:

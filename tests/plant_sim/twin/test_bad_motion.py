@@ -114,7 +114,8 @@ def pooled(
         report, motion = trial(seed, values, release_lead=release_lead, faults=faults, stops=stops)
         assert report.completed, report.reason
         assert report.accounted
-        assert {*report.alarms} <= {"A machine constant differs from its default"}
+        confirmed = ("A machine constant differs from its default", "Emergency stop pressed")
+        assert not [alarm for alarm in report.alarms if not alarm.startswith(confirmed)]
         pick, carry, throw = pick + report.P, carry + report.D, throw + report.T
         rows += motion
     return Pooled(pick, carry, throw, tuple(rows))
@@ -135,7 +136,7 @@ def test_the_undisturbed_machine_matches_the_optimum_of_the_paper() -> None:
 
 @pytest.mark.parametrize(
     ("brake_n", "band_m", "more_mm", "more"),
-    first_of([(20.0, 0.0065, 2.0, 20), (40.0, 0.005, 1.0, 1), (10.0, 0.0075, 3.0, 100)]),
+    first_of([(20.0, 0.0065, 1.9, 20), (40.0, 0.005, 1.0, 1), (10.0, 0.0075, 3.0, 100)]),
 )
 def test_slide_overrun_increases_pick_failures_only(brake_n: float, band_m: float, more_mm: float, more: int) -> None:
     """A worn brake, masked by long switch bands, makes the claws close beside the stems.

@@ -7,7 +7,7 @@ import pytest
 from controller.program.set_points import SLIDE_LEAST_X10_MS
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
-from plant_sim.twin.commissioning import set_points_of
+from plant_sim.twin.commissioning import MisfitError, set_points_of
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import home_again
 from tests.plant_sim.twin.routes import finish, run_to
@@ -132,13 +132,18 @@ def test_an_alarm_with_a_switch_still_stuck_is_not_reset() -> None:
 
 def test_another_row_spacing_needs_another_minimum_travel_time() -> None:
     """At a row spacing of 350 mm, the default minimum travel time raises an alarm; the calculated one does not."""
-    twin = at_work({"trays_target": 1, "slide_least": SLIDE_LEAST_X10_MS}, parameters=NARROW)
+    values = {"trays_target": 1, "slide_least": SLIDE_LEAST_X10_MS}
+    with pytest.raises(MisfitError, match="a switch is believed after 900 ms, but can come on after 370 ms"):
+        Twin(set_points=values, parameters=NARROW)
+    twin = Twin(set_points=values, parameters=NARROW, trays=1, misfit=True)
+    twin.home()
+    twin.start()
     twin.run_until(ALARM, within_ms=TRAY_MS)
     assert {alarm.partition(": ")[2] for alarm in twin.alarms()} == {"slide switches"}
-    assert set_points_of(NARROW) == {"slide_least": 28}, "75 % of 55.5 mm between the switches at 0.15 m/s, x 10 ms"
+    assert set_points_of(NARROW)["slide_least"] == 28, "75 % of 55.5 mm between the switches at 0.15 m/s, x 10 ms"
     twin = at_work({"trays_target": 1}, parameters=NARROW)
     assert to_complete(twin) == undisturbed()
-    assert [event.number for event in twin.alarm_events()] == [999], "a machine constant differs from its default"
+    assert [event.number for event in twin.alarm_events()] == [999, 900, 900], "the difference is confirmed with X25"
 
 
 def finish_running(twin: Twin) -> None:

@@ -11,6 +11,7 @@ from controller.hmi.modbus.tag_list import tags as tag_list
 from controller.program.operator.next_press import NextPress
 from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
+from plant_sim.machine.parameters import load_machine
 from plant_sim.twin.lock_step import CLEAR_MS, Twin
 from plant_sim.twin.recovery import clear, press_emergency_stop
 from tests.controller.program.interlock_scene import MACHINE
@@ -19,14 +20,16 @@ from tests.controller.program.recovery.test_ways_out import read, refusals
 from tests.plant_sim.twin.twin_rig import switched_on
 from tests.wiring import wired
 
+WIDE = load_machine().with_values({"layout.arms_may_meet_in_plant": True})
 MAY_MEET = {"arms_may_meet": 1}
+DEFAULT = {"arms_may_meet": 0}
 REFUSED = ("reset", Refusal.CONSTANTS, NextPress.CONFIRM_CONSTANTS)
 IO_MAP = wired("reset", "lamp_amber")
 
 
 def started(set_points: dict[str, int] | None = None) -> Twin:
     """Return a machine in Stopped after power-up, with a constant that differs from its default."""
-    twin = switched_on(MAY_MEET if set_points is None else set_points, io_map=IO_MAP)
+    twin = switched_on(MAY_MEET if set_points is None else set_points, io_map=IO_MAP, parameters=WIDE)
     twin.run_for(200)
     return twin
 
@@ -76,7 +79,7 @@ def test_homing_is_refused_until_x25_has_been_pressed_and_released(home: Callabl
 
 
 def test_without_a_difference_homing_needs_no_confirmation() -> None:
-    twin = started({})
+    twin = started(DEFAULT)
     assert not is_open(twin)
     press_x0(twin)
     assert twin.state is State.RESETTING
@@ -89,19 +92,19 @@ def test_each_constant_is_confirmed_and_named(name: str) -> None:
     """On the console, and by a coil for each constant."""
     word = getattr(MACHINE.tags.sp, name)
     default = dict(MACHINE.tags.sp.defaults)[word]
-    twin = started({name: default + 1})
+    twin = started({**DEFAULT, name: default + 1})
     assert is_open(twin)
     (warning,) = [event for event in twin.events if isinstance(event, AlarmEvent)]
     assert warning.text == f"A machine constant differs from its default: {name} {default + 1} (default {default})"
     coils = {tag.name: tag for tag in tag_list(MACHINE) if tag.name.endswith(".differs")}
     assert len(coils) == len(MACHINE.tags.sp.constants)
     shown = {tag for tag, coil in coils.items() if twin.plc.memory.M[int(coil.device[1:])]}
-    assert shown == {f"set.{name}.differs"}
+    assert shown == {f"constant.{name}.differs"}
 
 
 def test_a_press_that_lasts_since_power_up_does_not_confirm() -> None:
     """At power-up, an input that is not yet read looks like a pressed X25."""
-    twin = Twin(set_points=MAY_MEET, io_map=IO_MAP)
+    twin = Twin(set_points=MAY_MEET, io_map=IO_MAP, parameters=WIDE)
     twin.plant.box.emergency_stop = True
     twin.run_for(500)
     clear(twin)

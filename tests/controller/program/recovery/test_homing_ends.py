@@ -21,7 +21,7 @@ from controller.program.requirements.homing import describe, explore, explore_st
 from controller.program.requirements.homing_starts import arm_starts
 from controller.program.requirements.homing_trial import Ending, HomingStart, HomingTrial
 from controller.program.requirements.time_limit import bounded, time_limit
-from controller.program.requirements.travel_model import LIFT_MS
+from controller.program.requirements.travel_times import DELIVERED
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from tests.controller.verify.proof_rig import MACHINE
@@ -164,7 +164,7 @@ def test_a_machine_that_does_not_move_ends_in_an_alarm() -> None:
     lift = trial.model.devices["left"]["lift"]
     stuck = dict.fromkeys((*slide.inputs.values(), *lift.inputs.values()), False)
     known: dict[Bit | Word, int] = {arm.claws_known: 1 for arm in TAGS.arms.values()}
-    situation = HomingStart({lift.position: LIFT_MS, slide.position: 900, **known}, stuck=stuck)
+    situation = HomingStart({lift.position: DELIVERED.lift_ms, slide.position: 900, **known}, stuck=stuck)
     trial.begin(situation)
     ending = trial.home()
     assert (ending.state, ending.explained) == (State.HELD, True)
