@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 
 from controller.core.machine_code import MachineExecution
@@ -62,6 +62,7 @@ def judge(
     trays: int = 60,
     io_map: IoMap | None = None,
     reference_lost: int | None = 10,
+    set_points: Mapping[str, int] | None = None,
 ) -> tuple[list[CaseResult], Bench]:
     """Run the bench on the program until its last case; return the results and the bench."""
     io_map, machine = io_map or default_map(), load_machine()
@@ -70,6 +71,8 @@ def judge(
     link = DamagedLink(module, (lambda on: damage(bench, on)) if damage else lambda on: on)
     transplanter = program(io_map)
     plc = Plc(transplanter.program, execution=MachineExecution(transplanter.program))
+    for name, value in (set_points or {}).items():
+        plc.write(getattr(transplanter.tags.sp, name), value)
     runtime = Runtime(transplanter, plc, link, DirectRetentiveWriter(MemoryStore()))
     run = BenchRun(bench, groups=groups, only=only, reference_lost=reference_lost)
     ended: list[int] = []

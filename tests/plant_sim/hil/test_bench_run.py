@@ -27,6 +27,12 @@ def test_the_program_passes_homing_cycle_trial_and_stop() -> None:
     assert lost <= 19  # three standard deviations above the 10 of the reference
 
 
+def test_the_operator_of_the_bench_confirms_constants_that_differ() -> None:
+    """The program refuses the first press of X0; X25 is pressed, released and cleared, and it is homed."""
+    results, _ = judge(set_points={"clamp": 21})
+    assert {each.verdict for each in results} == {CaseVerdict.PASSED}
+
+
 def test_every_situation_of_the_trial_has_an_emergency_stop() -> None:
     results, _ = judge(["emergency stop"], only="loaded")
     stops = _by_group(results, "emergency stop")
