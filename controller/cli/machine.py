@@ -90,7 +90,7 @@ def start_values(machine: Transplanter, options: argparse.Namespace) -> dict[Wor
     lines = misfits(machine.program, machine.tags, given.times, values)
     if lines:
         source = "the delivered machine" if options.constants is None else options.constants.name
-        others = "" if len(lines) == 1 else f", and {len(lines) - 1} other times"
+        others = "" if len(lines) == 1 else f", and {len(lines) - 1} more"
         raise InputError(f"{source}: {lines[0]}{others}; correct --set or the travel times in --constants")
     return values
 
