@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from controller.cli.machine import add_io_map, add_start_values, machine_of, start_values
@@ -44,7 +44,7 @@ from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.output_guard import ModbusOutputGuard
 from controller.io.pace import Pace, PaceError
-from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
+from controller.io.retentive_writer import RetentiveWriter, writer_until_end
 from controller.io.runtime import Runtime
 from controller.iomap.digest import map_digest
 from controller.program.machine import Transplanter
@@ -134,7 +134,8 @@ def run(options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         store = stack.enter_context(_memory(machine, plc, options))
         stack.callback(link.close)
-        writer = stack.enter_context(_writer(store, pace))
+        # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
+        writer = stack.enter_context(writer_until_end(store, threaded=pace is None))
         guard = output_guard(link, options)
         runtime = _runtime(machine, plc, link, writer=writer, guard=guard, options=options)
         figures = LoopFigures()
@@ -284,25 +285,6 @@ def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Ite
         yield store
     finally:
         lock.release()
-
-
-@contextmanager
-def _writer(store: FileStore, pace: Pace | None) -> Iterator[RetentiveWriter]:
-    """Store the retentive values; after the last ones, record the orderly end, unless an unexpected error ended it."""
-    # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
-    writer: RetentiveWriter = ThreadedRetentiveWriter(store) if pace is None else DirectRetentiveWriter(store)
-    in_order = False
-    try:
-        yield writer
-        in_order = True
-    except InputError:
-        in_order = True
-        raise
-    finally:
-        writer.close()
-        if in_order and writer.settled:
-            with suppress(OSError):  # the next start reports that this run did not end in order
-                store.close()
 
 
 def _pace(options: argparse.Namespace) -> Pace | None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Protocol
 
+from controller.common.errors import InputError
 from controller.common.saved import Saved
 from controller.core.retentive_store import RetentiveStore
 
@@ -111,6 +113,28 @@ class ThreadedRetentiveWriter:
         with self._wake:
             self._busy, self._error = False, error
             self._wake.notify_all()
+
+
+@contextmanager
+def writer_until_end(store: RetentiveStore, *, threaded: bool) -> Iterator[RetentiveWriter]:
+    """Store values for the duration of a `with` block, and record its end in order.
+
+    The end is not recorded if the last values could not be stored, or if an error other than invalid input ended the
+    block.
+    """
+    writer: RetentiveWriter = ThreadedRetentiveWriter(store) if threaded else DirectRetentiveWriter(store)
+    in_order = False
+    try:
+        yield writer
+        in_order = True
+    except InputError:
+        in_order = True
+        raise
+    finally:
+        writer.close()
+        if in_order and writer.settled:
+            with suppress(OSError):  # the next start reports that this run did not end in order
+                store.close()
 
 
 def _error_of(action: Callable[[], None]) -> Exception | None:

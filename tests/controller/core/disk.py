@@ -14,6 +14,9 @@ import pytest
 Files = Mapping[str, bytes]
 """Content of a folder: the files by name."""
 
+SUBSETS_OF = 4
+"""Number of names of which any may be lost; all earlier ones are kept, because their subsets are too many."""
+
 
 @dataclass
 class Inode:
@@ -59,26 +62,25 @@ class Disk:
     the last synchronisation of the folder, any subset may be lost.
 
     Attributes:
-        operations: Number of recorded operations.
-        crash: Function called before each operation.
+        seen: Progress of the program and content of the folder, for every state in which a crash may leave it.
+        note: Progress of the program, recorded with each state.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.operations = 0
         self._durable: dict[str, Inode] = {path.name: Inode(path.read_bytes()) for path in folder.iterdir()}
         self._names = dict(self._durable)
         self._pending: list[Naming] = []
         self.seen: list[tuple[Any, frozenset[tuple[str, bytes]]]] = []
         self.note: Any = None
-        """Progress of the program, recorded with each state."""
 
     def states(self) -> Iterator[Files]:
         """Yield every content of the folder that a crash may leave now."""
-        for count in range(len(self._pending) + 1):
-            for kept in combinations(self._pending, count):
+        older, newer = self._pending[:-SUBSETS_OF], self._pending[-SUBSETS_OF:]
+        for count in range(len(newer) + 1):
+            for kept in combinations(newer, count):
                 names = dict(self._durable)
-                for naming in kept:
+                for naming in (*older, *kept):
                     naming.apply(names)
                 visible = {name: inode for name, inode in names.items() if not name.endswith(".new")}
                 for contents in product(*(inode.contents() for inode in visible.values())):
@@ -86,7 +88,6 @@ class Disk:
 
     def record(self) -> None:
         """Record the states before the next operation, and after the last one."""
-        self.operations += 1
         found = {frozenset(files.items()) for files in self.states()}
         self.seen += [(self.note, files) for files in sorted(found, key=sorted)]
 

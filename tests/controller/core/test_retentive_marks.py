@@ -252,6 +252,18 @@ def test_a_crash_while_files_are_set_aside_never_revives_them(folder: Folder, mo
             assert folder.refusal(left) or loaded(folder.put(left)) in (0, 9)
 
 
+def test_a_memory_that_is_set_aside_for_its_values_is_not_continued(folder: Folder) -> None:
+    """Memory of another program is loaded before it is set aside; its copy does not belong to the new store."""
+    old = one_store(folder, 3)
+    store = folder.put(old)
+    assert loaded(store) == 3
+    store.set_aside()
+    store.save(values(9))
+    assert loaded(FileStore(store.path)) == 9
+    store.confirm()
+    assert "memory of another machine" in folder.refusal({**folder.files(), MEMORY: old[MEMORY]})
+
+
 def test_a_failed_confirmation_precedes_the_next_save(folder: Folder) -> None:
     """Mark B is never more than one behind, although its file cannot be written for a while."""
     store = folder.put(one_store(folder, 1))

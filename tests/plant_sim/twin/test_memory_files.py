@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +13,7 @@ import pytest
 
 from controller.core.retentive_store import FileStore
 from tests.plant_sim.twin.process_rig import first_events, plant_thread, run_command
-from tests.real_time import COMMAND_S
+from tests.real_time import COMMAND_S, WAIT_S
 
 MEMORY_LOST = 904
 """Number of the alarm of lost memory."""
@@ -68,6 +70,21 @@ def test_only_a_run_that_was_killed_is_reported_as_such(tmp_path: Path, end: sig
     assert (NOT_IN_ORDER in errors) is (end == signal.SIGKILL) is store.interrupted
     assert alarms(events) == []
     assert [path.name for path in tmp_path.glob("*.damaged")] == []
+
+
+def test_a_start_without_a_field_has_confirmed_its_memory(tmp_path: Path) -> None:
+    """Both marks are equal before the first scan, so that an old copy is detected also after a run that did nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    command = [sys.executable, "-m", *run_command(port, tmp_path)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as waiting:
+        assert waiting.stderr is not None
+        assert f"127.0.0.1:{port}" in waiting.stderr.readline()
+        waiting.kill()
+        waiting.communicate(timeout=WAIT_S)
+    memory, mark = (json.loads((tmp_path / name).read_bytes()) for name in ("retentive.json", "retentive.json.mark"))
+    assert memory["generation"] == mark["generation"] == 1
+    assert mark["open"] is True
 
 
 @pytest.mark.parametrize("option", [("--pace", "6000"), ("--history", "/proc/no/history.sqlite")])
