@@ -16,7 +16,7 @@ RUN: Final = "controller run"
 """Target of the soft PLC; the other targets are those of ``ladder export``."""
 WRITE_BACK_S: Final = 35
 """Age of a written value that Linux has not yet stored, s: `vm.dirty_expire_centisecs` (30 s) and
-`vm.dirty_writeback_centisecs` (5 s), defaults as read on Debian; OpenPLC does not synchronise its file."""
+`vm.dirty_writeback_centisecs` (5 s), as read on one computer; OpenPLC does not synchronise its file."""
 
 
 class Kept(Enum):
