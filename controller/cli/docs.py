@@ -14,6 +14,7 @@ from controller.core.sequence import Sequence as StepSequence
 from controller.core.sequence import Step
 from controller.fx.language.instruction_set import FORMS, KINDS
 from controller.fx.language.special_devices import PROVIDED
+from controller.io.durability import MEANINGS, Durability, durability
 from controller.program.alarms import Alarm, Severity
 from controller.program.machine import Transplanter
 from controller.program.operator.refusals import Refusal
@@ -206,7 +207,22 @@ def device_table(machine: Transplanter) -> str:
         if device.name and device.kind not in "XYS":
             used.setdefault(f"{device.kind}{device.number:05}", device)
     rows = [(used[key], used[key].name, used[key].comment) for key in sorted(used)]
-    return f"# Devices\n\n{GENERATED}\n\n{table(('device', 'name', 'meaning'), rows)}\n{_free_devices(machine)}"
+    parts = (table(("device", "name", "meaning"), rows), _durability(machine), _free_devices(machine))
+    return f"# Devices\n\n{GENERATED}\n\n" + "\n".join(parts)
+
+
+def _durability(machine: Transplanter) -> str:
+    targets: dict[tuple[Durability, ...], list[str]] = {}
+    for target, devices in durability(machine.program).items():
+        targets.setdefault(tuple(devices.values()), []).append(target)
+    retentive = machine.program.retentive
+    rows = [(device, device.name, *kept) for device, *kept in zip(retentive, *targets, strict=True)]
+    meanings = "\n".join(f"- *{kept.value}*: {meaning}" for kept, meaning in MEANINGS.items())
+    heading = ("device", "name", *(", ".join(names) for names in targets.values()))
+    return (
+        "## Durability\n\nState of each retentive value after a loss of power, by target "
+        f"([ADR 9](../adr/0009-retentive-memory.md)):\n\n{meanings}\n\n{table(heading, rows)}"
+    )
 
 
 def _free_devices(machine: Transplanter) -> str:

@@ -44,7 +44,7 @@ from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.output_guard import ModbusOutputGuard
 from controller.io.pace import Pace, PaceError
-from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
+from controller.io.retentive_writer import RetentiveWriter, writer_until_end
 from controller.io.runtime import Runtime
 from controller.iomap.digest import map_digest
 from controller.program.machine import Transplanter
@@ -130,13 +130,12 @@ def run(options: argparse.Namespace) -> int:
     except ValueError as error:
         raise InputError(f"--input-filter-ms: {error}") from error
     stop: StopRequest = options.stop
+    pace = _pace(options)
     with ExitStack() as stack:
         store = stack.enter_context(_memory(machine, plc, options))
         stack.callback(link.close)
-        pace = _pace(options)
         # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
-        writer: RetentiveWriter = ThreadedRetentiveWriter(store) if pace is None else DirectRetentiveWriter(store)
-        stack.callback(writer.close)
+        writer = stack.enter_context(writer_until_end(store, threaded=pace is None))
         guard = output_guard(link, options)
         runtime = _runtime(machine, plc, link, writer=writer, guard=guard, options=options)
         figures = LoopFigures()
@@ -267,11 +266,11 @@ def _check_numbers(options: argparse.Namespace) -> None:
 @contextmanager
 def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Iterator[FileStore]:
     """Restore the retentive memory, apply the initial set-points, and lock the file for this process."""
-    store = FileStore(options.retain)
     try:
         lock = lock_file(options.retain)
     except FileLockError as error:
         raise InputError(f"--retain {options.retain}: {error}") from error
+    store = FileStore(options.retain)
     try:
         _restore(machine, plc, store)
         for word, value in start_values(machine, options).items():
@@ -280,6 +279,7 @@ def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Ite
             print(f"machine constant {name}: {value} instead of {default}", file=sys.stderr, flush=True)
         try:
             store.save(plc.retained())
+            store.confirm()
         except OSError as error:
             raise InputError(f"--retain {options.retain}: {error.strerror}; choose a writable file") from error
         yield store
@@ -295,16 +295,26 @@ def _pace(options: argparse.Namespace) -> Pace | None:
 
 
 def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
-    """Restore the memory stored by the last run. A damaged file is renamed and reported, and `memory_lost` is set."""
+    """Restore the memory stored by the last run.
+
+    A damaged, old or copied memory is renamed and reported, and `memory_lost` is set.
+    """
     try:
         values = store.load()
         if values is not None:
             plc.restore_retained(values)
+            if store.interrupted:
+                print(
+                    f"{store.path}: the last run did not end in order (power failure or crash); the memory is that of "
+                    "its last stored scan",
+                    file=sys.stderr,
+                    flush=True,
+                )
     except (DamagedStoreError, ValueError) as error:
         prefix = "" if isinstance(error, DamagedStoreError) else f"{store.path}: "
         try:
-            aside = store.set_aside()
+            asides = store.set_aside()
         except OSError as refused:
             raise InputError(f"--retain {store.path}: {refused.strerror}; choose a writable file") from refused
-        print(f"{prefix}{error}; renamed to {aside}", file=sys.stderr)
+        print(f"{prefix}{error}; renamed to {' and '.join(map(str, asides))}", file=sys.stderr)
         plc.write(machine.tags.system.memory_lost, 1)

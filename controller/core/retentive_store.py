@@ -1,19 +1,28 @@
-"""Retentive memory on disk, written atomically so that the stored state is complete after a power failure."""
+"""Retentive memory on disk, written atomically, with two marks that detect an old or copied file."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import secrets
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Final, Protocol
 
-FORMAT = "transplanter-retentive-1"
+FORMAT: Final = "transplanter-retentive-2"
+MARK_FORMAT: Final = "transplanter-retentive-mark-1"
+FORMER_FORMAT: Final = "transplanter-retentive-1"
+"""Format of earlier versions, which had no marks."""
+UNCONFIRMED: Final = -1
+"""Mark B of a store that has none yet; its first mark, 0, precedes its first memory, 1."""
 
 
 class DamagedStoreError(ValueError):
-    """Raised for a damaged store; its values are not used, and the message is one line that includes the remedy."""
+    """Raised for a damaged, old or copied store; its values are not used.
+
+    The message is one line that includes the remedy.
+    """
 
 
 class RetentiveStore(Protocol):
@@ -25,6 +34,14 @@ class RetentiveStore(Protocol):
 
     def save(self, values: Mapping[str, int]) -> None:
         """Store the values; they are durable when the method returns."""
+        ...
+
+    def confirm(self) -> None:
+        """Record that the last save is complete; nothing waits for this."""
+        ...
+
+    def close(self) -> None:
+        """Record that the run ended in order and that the last save is complete."""
         ...
 
 
@@ -42,72 +59,168 @@ class MemoryStore:
         """Store a copy of the values."""
         self.values = dict(values)
 
+    def confirm(self) -> None:
+        """Do nothing, because there is no file that can be exchanged."""
+
+    def close(self) -> None:
+        """Do nothing, because there is no file that can be exchanged."""
+
 
 class FileStore:
-    """Store in one JSON file with a checksum.
+    """Store in one JSON file with a checksum, and a second file with its mark.
 
     A new state is written to a temporary file in the same folder, synchronised to disk and renamed over the old one,
-    so the file always contains either the old or the new state. Other damage is detected by the checksum.
+    so each file always contains either its old or its new state. Other damage is detected by the checksum.
+
+    Both files contain the identity of the store, which is random, and its generation, which each save increases by one.
+    The generation of the memory is mark A, that of the second file is mark B. They are written in a fixed order: B is
+    equal to A before the next A is written. B = A and B = A - 1 are therefore the results of a run, at whatever moment
+    it was killed; with any other pair, one of the files is an old copy. Mark B also states whether the run has ended.
+
+    Attributes:
+        path: File with the values and mark A.
+        mark_path: File with mark B, `<name>.mark` in the same folder.
+        interrupted: True if the loaded memory is that of a run that did not end in order.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.mark_path = path.with_name(path.name + ".mark")
+        self.interrupted = False
+        self._identity: str | None = None
+        """Identity of the store; None until its files have been read."""
+        self._generation = 0
+        self._confirmed = UNCONFIRMED
 
     def load(self) -> dict[str, int] | None:
-        """Return the most recently saved values; None if the file does not exist.
+        """Return the most recently saved values; None if nothing has been saved.
 
         Raises:
-            DamagedStoreError: The content of the file differs from what `save` wrote.
+            DamagedStoreError: The content of a file differs from what was written, or the memory is not the one that
+                was saved last.
         """
-        try:
-            text = self.path.read_bytes()
-        except FileNotFoundError:
+        memory, mark = self._read(self.path, FORMAT), self._read(self.mark_path, MARK_FORMAT)
+        if memory is None:
+            if mark is not None and mark["generation"] != 0:
+                raise self._lost(self.path, f"missing, although {self.mark_path.name} exists")
+            self._adopt(secrets.token_hex(16), 0, UNCONFIRMED)
             return None
-        except OSError as error:
-            raise self._damaged(error.strerror or str(error)) from error
-        try:
-            values = dict(json.loads(text)["values"])
-            intact = text == _document(values)
-        except (ValueError, KeyError, TypeError) as error:
-            raise self._damaged("not a retentive store, or truncated") from error
-        if not intact or not all(type(v) is int for v in values.values()):
-            raise self._damaged("checksum or format does not match")
+        values: dict[str, int] = memory["values"]
+        if mark is None:
+            raise self._lost(self.path, f"{self.mark_path.name} is missing, so it may be an old copy")
+        if mark["store"] != memory["store"]:
+            raise self._lost(self.path, f"memory of another machine: {self.mark_path.name} belongs to another store")
+        generation, confirmed = memory["generation"], mark["generation"]
+        if confirmed not in (generation, generation - 1):
+            raise self._lost(
+                self.path if confirmed > generation else self.mark_path,
+                f"an old copy: the mark says {confirmed}, the memory says {generation}",
+            )
+        self.interrupted = mark["open"] or confirmed != generation
+        self._adopt(memory["store"], generation, confirmed)
         return values
 
     def save(self, values: Mapping[str, int]) -> None:
-        """Write the values so that they survive a power failure.
+        """Write the values and mark A so that they survive a power failure; complete mark B of the last save first.
 
         Raises:
+            DamagedStoreError: The store has not been loaded, and cannot be.
             OSError: Writing failed; the old state is unchanged.
         """
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = self.path.with_name(self.path.name + ".new")
+        if self._identity is None:
+            self.load()
+        self.confirm()
+        self._write(
+            self.path,
+            {"format": FORMAT, "store": self._identity, "generation": self._generation + 1, "values": dict(values)},
+        )
+        self._generation += 1
+
+    def confirm(self) -> None:
+        """Write mark B of the last save.
+
+        Raises:
+            OSError: Writing failed; the next save writes the mark first.
+        """
+        if self._confirmed != self._generation:
+            self._write_mark(is_open=True)
+
+    def close(self) -> None:
+        """Write mark B of the last save, and that the run has ended in order.
+
+        Raises:
+            OSError: Writing failed; the next start reports a run that did not end in order.
+        """
+        if self._identity is not None:
+            self._write_mark(is_open=False)
+
+    def set_aside(self) -> tuple[Path, ...]:
+        """Rename the files, so that a new store begins, and return their new paths."""
+        asides: list[Path] = []
+        for path in (self.path, self.mark_path):
+            aside = path.with_name(path.name + ".damaged")
+            if path.exists():
+                path.replace(aside)
+                asides.append(aside)
+        self._identity = None
+        return tuple(asides)
+
+    def _adopt(self, identity: str, generation: int, confirmed: int) -> None:
+        """Continue the store that was read. Once it is in use, this object knows it better than a reader."""
+        if self._identity is None:
+            self._identity, self._generation, self._confirmed = identity, generation, confirmed
+
+    def _read(self, path: Path, format_: str) -> dict[str, Any] | None:
+        """Return the content of a file; None if it does not exist."""
+        try:
+            text = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise self._lost(path, error.strerror or str(error)) from error
+        try:
+            content = dict(json.loads(text))
+            if content["format"] == FORMER_FORMAT:
+                raise self._lost(path, "memory of an earlier version, without marks")
+            del content["sha256"]
+            intact = text == _document(content) and content["format"] == format_
+        except (ValueError, KeyError, TypeError) as error:
+            if isinstance(error, DamagedStoreError):
+                raise
+            raise self._lost(path, "not a retentive store, or truncated") from error
+        if not intact or not all(type(v) is int for v in content.get("values", {}).values()):
+            raise self._lost(path, "checksum or format does not match")
+        return content
+
+    def _write_mark(self, *, is_open: bool) -> None:
+        self._write(
+            self.mark_path,
+            {"format": MARK_FORMAT, "store": self._identity, "generation": self._generation, "open": is_open},
+        )
+        self._confirmed = self._generation
+
+    def _write(self, path: Path, content: Mapping[str, Any]) -> None:
+        """Replace a file; its old state remains if the power fails."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(path.name + ".new")
         with temporary.open("wb") as file:
-            file.write(_document(values))
+            file.write(_document(content))
             file.flush()
             os.fsync(file.fileno())
-        temporary.replace(self.path)
+        temporary.replace(path)
         # the new name is part of the folder, which is stored separately
-        folder = os.open(self.path.parent, os.O_RDONLY)
+        folder = os.open(path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)
         finally:
             os.close(folder)
 
-    def set_aside(self) -> Path:
-        """Rename a damaged file and return its new path."""
-        aside = self.path.with_name(self.path.name + ".damaged")
-        self.path.replace(aside)
-        return aside
-
-    def _damaged(self, problem: str) -> DamagedStoreError:
-        return DamagedStoreError(
-            f"{self.path}: {problem}; retentive memory is lost; check rows and claws before resetting"
-        )
+    @staticmethod
+    def _lost(path: Path, problem: str) -> DamagedStoreError:
+        return DamagedStoreError(f"{path}: {problem}; retentive memory is lost; check rows and claws before resetting")
 
 
-def _document(values: Mapping[str, int]) -> bytes:
-    """Return the file content for these values; `load` accepts no other content."""
-    plain = dict(values)
-    checksum = hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
-    return json.dumps({"format": FORMAT, "values": plain, "sha256": checksum}).encode()
+def _document(content: Mapping[str, Any]) -> bytes:
+    """Return the file with this content and its checksum; a reader accepts no other text."""
+    checksum = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    return json.dumps({**content, "sha256": checksum}).encode()

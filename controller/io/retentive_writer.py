@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Protocol
 
+from controller.common.errors import InputError
 from controller.common.saved import Saved
 from controller.core.retentive_store import RetentiveStore
 
@@ -22,7 +25,7 @@ class RetentiveWriter(Protocol):
 
     @property
     def error(self) -> Exception | None:
-        """Error of the last attempt to save; None if it succeeded."""
+        """Error of the last attempt to save or to confirm; None if it succeeded."""
 
     def close(self) -> None:
         """Store pending values and stop."""
@@ -32,7 +35,7 @@ class DirectRetentiveWriter(Saved):
     """Synchronous writer, for stores in memory and machines in simulated time.
 
     Attributes:
-        error: Error of the last attempt to save; None if it succeeded.
+        error: Error of the last attempt to save or to confirm; None if it succeeded.
     """
 
     SAVED = ("error",)
@@ -43,7 +46,7 @@ class DirectRetentiveWriter(Saved):
 
     def submit(self, values: Mapping[str, int]) -> None:
         """Save the values immediately."""
-        self.error = _save(self._store, values)
+        self.error = _error_of(partial(self._store.save, values)) or _error_of(self._store.confirm)
 
     @property
     def settled(self) -> bool:
@@ -55,7 +58,10 @@ class DirectRetentiveWriter(Saved):
 
 
 class ThreadedRetentiveWriter:
-    """Writer in a background thread. It saves only the newest values, which always comprise the complete memory."""
+    """Writer in a background thread. It saves only the newest values, which always comprise the complete memory.
+
+    Values are settled as soon as they are saved. The save is confirmed after that, so that no output waits for it.
+    """
 
     def __init__(self, store: RetentiveStore) -> None:
         self._store = store
@@ -81,7 +87,7 @@ class ThreadedRetentiveWriter:
 
     @property
     def error(self) -> Exception | None:
-        """Error of the last attempt to save; None if it succeeded."""
+        """Error of the last attempt to save or to confirm; None if it succeeded."""
         with self._wake:
             return self._error
 
@@ -99,16 +105,42 @@ class ThreadedRetentiveWriter:
                 if self._newest is None:
                     return
                 values, self._newest, self._busy = self._newest, None, True
-            error = _save(self._store, values)
-            with self._wake:
-                self._busy, self._error = False, error
-                self._wake.notify_all()
+            self._finish(_error_of(partial(self._store.save, values)))
+            if self._error is None:
+                self._finish(_error_of(self._store.confirm))
+
+    def _finish(self, error: Exception | None) -> None:
+        with self._wake:
+            self._busy, self._error = False, error
+            self._wake.notify_all()
 
 
-def _save(store: RetentiveStore, values: Mapping[str, int]) -> Exception | None:
-    """Save the values and return the error; None on success."""
+@contextmanager
+def writer_until_end(store: RetentiveStore, *, threaded: bool) -> Iterator[RetentiveWriter]:
+    """Store values for the duration of a `with` block, and record its end in order.
+
+    The end is not recorded if the last values could not be stored, or if an error other than invalid input ended the
+    block.
+    """
+    writer: RetentiveWriter = ThreadedRetentiveWriter(store) if threaded else DirectRetentiveWriter(store)
+    in_order = False
     try:
-        store.save(values)
+        yield writer
+        in_order = True
+    except InputError:
+        in_order = True
+        raise
+    finally:
+        writer.close()
+        if in_order and writer.settled:
+            with suppress(OSError):  # the next start reports that this run did not end in order
+                store.close()
+
+
+def _error_of(action: Callable[[], None]) -> Exception | None:
+    """Carry out an action of the store and return its error; None on success."""
+    try:
+        action()
     except Exception as error:  # noqa: BLE001 - the runtime reports any error
         return error
     return None

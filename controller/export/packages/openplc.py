@@ -50,6 +50,8 @@ ALARM_BYTE: Final = 300
 """Byte of S900 in %QX; a client reads coil 2400 for S900."""
 REGISTER: Final = 400
 """Word of D0 in %QW; a client reads holding register 500 for D100."""
+STORAGE_S: Final = 1
+"""Period in which the runtime writes its storage, s, as the README of the package demands."""
 
 _README: Final = """{name}: program for OpenPLC Runtime v3 (commit bb35f69 or later)
 
@@ -58,9 +60,9 @@ _README: Final = """{name}: program for OpenPLC Runtime v3 (commit bb35f69 or la
 
 1. Programs > upload {text}. It compiles without changes. Do not change INTERVAL: the program counts it as its clock.
 {wiring}
-3. Settings > Enable Persistent Storage Thread, 1 s, stores the set-points. All other values are unknown after every
-   power-up, because the runtime stores them too late: the program reports alarm S904 (memory lost), finds its positions
-   by homing, and asks about the tray and the claws (guide "Operating the machine", questions).
+3. Settings > Enable Persistent Storage Thread, {storage_s} s, stores the set-points. All other values are unknown after
+   every power-up, because the runtime stores them too late: the program reports alarm S904 (memory lost), finds its
+   positions by homing, and asks about the tray and the claws (guide "Operating the machine", questions).
 4. Settings > Enable Modbus Server, for a panel: coils 1600 to 1669 are the commands M400 to M469 (write 1; the program
    resets them), coils 2400 to 2499 show the alarms S900 to S999, holding register 400 + n shows register Dn, and the
    registers 912 to 937 are the set-points D512 to D537. The server has no password: use it on a separate network.
@@ -182,6 +184,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         text=TEXT,
         addresses=ADDRESSES,
         wiring=_wiring(places),
+        storage_s=STORAGE_S,
         link=", and if the I/O device does not respond for 100 ms, alarm S901" if modbus else "",
         constants=constant_bits(program, link=modbus),
     )

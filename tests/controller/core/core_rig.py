@@ -119,6 +119,11 @@ class GatedStore(FileStore):
         """Permit this number of saves."""
         self._permits.release(saves)
 
+    def block(self) -> None:
+        """Withdraw the permits that were not used."""
+        while self._permits.acquire(blocking=False):
+            pass
+
 
 def wait_until(writer: ThreadedRetentiveWriter, reached: Callable[[], bool]) -> bool:
     """Wait until the writer thread has made a condition true; return False on timeout."""

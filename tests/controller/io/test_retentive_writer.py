@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from controller.common.errors import InputError
 from controller.core.retentive_store import FileStore, MemoryStore
-from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
+from controller.io.retentive_writer import (
+    DirectRetentiveWriter,
+    RetentiveWriter,
+    ThreadedRetentiveWriter,
+    writer_until_end,
+)
 from tests.controller.core.core_rig import PATIENT_S, GatedStore, wait_until
 
 
@@ -122,7 +130,7 @@ def test_a_file_in_place_of_the_folder_is_an_error(tmp_path: Path) -> None:
     writer = ThreadedRetentiveWriter(FileStore(tmp_path / "var" / "retentive.json"))
     writer.submit(values(1))
     writer.close()
-    assert isinstance(writer.error, OSError)
+    assert "Not a directory" in str(writer.error)
     assert not writer.settled
 
 
@@ -159,3 +167,96 @@ def test_a_direct_writer_saves_before_it_returns() -> None:
     writer.submit(values(1))
     assert writer.settled
     assert store.load() == values(1)
+
+
+# ---- marks ----------------------------------------------------------------------------------------------------
+
+
+def marks(store: FileStore) -> tuple[int, int, bool]:
+    """Return mark A, mark B and whether the run is open."""
+    memory, mark = json.loads(store.path.read_bytes()), json.loads(store.mark_path.read_bytes())
+    return memory["generation"], mark["generation"], mark["open"]
+
+
+class LateStore(MemoryStore):
+    """Store that confirms a save only when the test permits it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.permitted = threading.Event()
+
+    def confirm(self) -> None:
+        assert self.permitted.wait(PATIENT_S)
+
+
+@pytest.mark.parametrize("threaded", [True, False])
+def test_each_save_is_confirmed_without_a_further_one(tmp_path: Path, threaded: bool) -> None:
+    store = FileStore(tmp_path / "retentive.json")
+    writer = ThreadedRetentiveWriter(store) if threaded else DirectRetentiveWriter(store)
+    writer.submit(values(1))
+    writer.close()
+    assert marks(store) == (1, 1, True)
+
+
+def test_values_are_settled_before_their_save_is_confirmed() -> None:
+    store = LateStore()
+    writer = ThreadedRetentiveWriter(store)
+    writer.submit(values(1))
+    settled = wait_until(writer, lambda: writer.settled)
+    still_open = not store.permitted.is_set()
+    store.permitted.set()
+    writer.close()
+    assert (settled, still_open) == (True, True)
+
+
+@pytest.mark.parametrize("threaded", [True, False])
+def test_an_error_of_a_confirmation_is_a_store_error_until_the_next_success(tmp_path: Path, threaded: bool) -> None:
+    store = FileStore(tmp_path / "retentive.json")
+    store.save(values(0))
+    store.confirm()
+    writer = ThreadedRetentiveWriter(store) if threaded else DirectRetentiveWriter(store)
+    obstacle = tmp_path / "retentive.json.mark.new"
+    obstacle.mkdir()
+
+    def failed() -> bool:
+        return writer.error is not None
+
+    writer.submit(values(1))
+    assert wait_until(writer, failed) if isinstance(writer, ThreadedRetentiveWriter) else failed()
+    assert "Is a directory" in str(writer.error)
+    assert not writer.settled
+    obstacle.rmdir()
+    writer.submit(values(2))
+    writer.close()
+    assert (writer.settled, writer.error, marks(store)) == (True, None, (3, 3, True))
+
+
+@pytest.mark.parametrize("threaded", [True, False])
+@pytest.mark.parametrize(
+    ("error", "in_order"), [(None, True), (InputError("port in use"), True), (RuntimeError("unexpected"), False)]
+)
+def test_the_end_in_order_is_recorded_after_the_last_save(
+    store: GatedStore, threaded: bool, error: Exception | None, in_order: bool
+) -> None:
+    """The save begins at the end of the block, and is complete before the end is recorded."""
+    store.permit(1)
+    with suppress(InputError, RuntimeError), writer_until_end(store, threaded=threaded) as writer:
+        writer.submit(values(1))
+        if error is not None:
+            raise error
+    assert marks(store) == (1, 1, not in_order)
+    assert FileStore(store.path).load() == values(1)
+
+
+@pytest.mark.parametrize("threaded", [True, False])
+def test_an_end_with_values_that_are_not_stored_is_not_in_order(tmp_path: Path, threaded: bool) -> None:
+    store = FileStore(tmp_path / "retentive.json")
+    with writer_until_end(store, threaded=threaded) as writer:
+        writer.submit(values(1))
+        if threaded:
+            assert isinstance(writer, ThreadedRetentiveWriter)
+            assert wait_until(writer, lambda: writer.settled)
+        (tmp_path / "retentive.json.new").mkdir()
+        writer.submit(values(2))
+    assert marks(store)[2] is True
+    assert FileStore(store.path).load() == values(1)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,6 +47,19 @@ def run_command(port: int, folder: Path, *options: str) -> list[str]:
 def controller_process(port: int, folder: Path) -> Process:
     """Run a controller in simulated time that reports its events as JSON."""
     return Process("controller", run_command(port, folder, "--events", "json"))
+
+
+def first_events(
+    port: int, folder: Path, *options: str, count: int = 2, end: signal.Signals = signal.SIGINT
+) -> tuple[list[dict[str, object]], str]:
+    """Start a controller, end it with a signal after its first events, and return its events and its messages."""
+    command = [sys.executable, "-m", *run_command(port, folder, "--events", "json", *options)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        lines = [running.stdout.readline() for _ in range(count)]
+        running.send_signal(end)
+        rest, errors = running.communicate(timeout=WAIT_S)
+    return [json.loads(line) for line in (*lines, *rest.splitlines())], errors
 
 
 def wait_for_state(controller: Process, state: State) -> list[dict[str, object]]:

@@ -27,7 +27,7 @@ from controller.program.states import Mode, State
 from plant_sim.cli.main import main as plant_main
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.operator import PRESS_MS, Operator, counts_of
-from tests.plant_sim.twin.process_rig import controller_process, plant_process, plant_thread, run_command
+from tests.plant_sim.twin.process_rig import controller_process, first_events, plant_process, plant_thread, run_command
 from tests.real_time import COMMAND_S, LOCK_STEP, WAIT_S
 from tests.sampling import first_of
 
@@ -252,7 +252,7 @@ def test_a_start_names_its_constants_and_believes_no_impossible_memory(tmp_path:
     """
     store = FileStore(tmp_path / "retentive.json")
     with plant_thread() as port:
-        events, errors = _first_events(port, tmp_path, "--set", "arms_may_meet=1")
+        events, errors = first_events(port, tmp_path, "--set", "arms_may_meet=1")
         assert "machine constant arms_may_meet: 1 instead of 0" in errors
         assert [event["number"] for event in events if event["event"] == "alarm"] == [999]
         stored = store.load()
@@ -260,21 +260,10 @@ def test_a_start_names_its_constants_and_believes_no_impossible_memory(tmp_path:
         assert stored["D562"] == Mode.CONTINUOUS
         assert "D516" not in stored
         store.save(stored | {"D562": 9})
-        events, errors = _first_events(port, tmp_path)
+        events, errors = first_events(port, tmp_path)
     assert "D562 mode: 9 is not a valid value; renamed to" in errors
     assert "machine constant" not in errors
     assert [event["number"] for event in events if event["event"] == "alarm"] == [904]
-
-
-def _first_events(port: int, folder: Path, *options: str) -> tuple[list[dict[str, object]], str]:
-    """Start a controller, end it after its first two events, and return these and its messages."""
-    command = [sys.executable, "-m", *run_command(port, folder, "--events", "json", *options)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
-        assert running.stdout is not None
-        events = [json.loads(running.stdout.readline()) for _ in range(2)]
-        running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=WAIT_S)
-    return events, errors
 
 
 class TcpMachine:

@@ -1,0 +1,98 @@
+"""Files of the retentive memory between two runs of the controller: an old copy, a lost file, a killed run."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from controller.core.retentive_store import FileStore
+from tests.plant_sim.twin.process_rig import first_events, plant_thread, run_command
+from tests.real_time import COMMAND_S, WAIT_S
+
+MEMORY_LOST = 904
+"""Number of the alarm of lost memory."""
+NOT_IN_ORDER = "the last run did not end in order (power failure or crash); the memory is that of its last stored scan"
+
+
+def alarms(events: list[dict[str, object]]) -> list[object]:
+    return [event["number"] for event in events if event["event"] == "alarm"]
+
+
+def test_an_old_copy_of_the_memory_is_set_aside_and_the_operator_is_asked(tmp_path: Path) -> None:
+    """The memory of the first run is put back after the second one; the third one starts with a new store."""
+    memory, mark = tmp_path / "retentive.json", tmp_path / "retentive.json.mark"
+    with plant_thread() as port:
+        first_events(port, tmp_path, count=1)
+        copy = memory.read_bytes()
+        first_events(port, tmp_path, count=1)
+        assert memory.read_bytes() != copy
+        memory.write_bytes(copy)
+        events, errors = first_events(port, tmp_path)
+        assert f"{memory}: an old copy: the mark says " in errors
+        assert f"; renamed to {memory}.damaged and {mark}.damaged\n" in errors
+        assert NOT_IN_ORDER not in errors
+        assert alarms(events) == [MEMORY_LOST]
+        assert (tmp_path / "retentive.json.damaged").read_bytes() == copy
+        events, errors = first_events(port, tmp_path, count=1)
+    assert "retentive memory is lost" not in errors
+
+
+def test_a_lost_memory_file_is_reported(tmp_path: Path) -> None:
+    """Only both files together may be deleted, for a new machine."""
+    memory, mark = tmp_path / "retentive.json", tmp_path / "retentive.json.mark"
+    with plant_thread() as port:
+        first_events(port, tmp_path, count=1)
+        memory.unlink()
+        events, errors = first_events(port, tmp_path)
+        assert f"{memory}: missing, although {mark.name} exists; retentive memory is lost" in errors
+        assert alarms(events) == [MEMORY_LOST]
+        memory.unlink()
+        mark.unlink()
+        events, errors = first_events(port, tmp_path, count=1)
+    assert "retentive memory is lost" not in errors
+    assert alarms(events) == []
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_only_a_run_that_was_killed_is_reported_as_such(tmp_path: Path, end: signal.Signals) -> None:
+    store = FileStore(tmp_path / "retentive.json")
+    with plant_thread() as port:
+        first_events(port, tmp_path, count=1, end=end)
+        left = store.load()
+        events, errors = first_events(port, tmp_path, count=1)
+    assert left is not None
+    assert (NOT_IN_ORDER in errors) is (end == signal.SIGKILL) is store.interrupted
+    assert alarms(events) == []
+    assert [path.name for path in tmp_path.glob("*.damaged")] == []
+
+
+def test_a_start_without_a_field_has_confirmed_its_memory(tmp_path: Path) -> None:
+    """Both marks are equal before the first scan, so that an old copy is detected also after a run that did nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    command = [sys.executable, "-m", *run_command(port, tmp_path)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as waiting:
+        assert waiting.stderr is not None
+        assert f"127.0.0.1:{port}" in waiting.stderr.readline()
+        waiting.kill()
+        waiting.communicate(timeout=WAIT_S)
+    memory, mark = (json.loads((tmp_path / name).read_bytes()) for name in ("retentive.json", "retentive.json.mark"))
+    assert memory["generation"] == mark["generation"] == 1
+    assert mark["open"] is True
+
+
+@pytest.mark.parametrize("option", [("--pace", "6000"), ("--history", "/proc/no/history.sqlite")])
+def test_a_start_that_is_refused_ends_in_order(tmp_path: Path, option: tuple[str, str]) -> None:
+    with plant_thread() as port:
+        first_events(port, tmp_path, count=1)
+        command = [sys.executable, "-m", *run_command(port, tmp_path, *option)]
+        refused = subprocess.run(command, check=False, capture_output=True, text=True, timeout=COMMAND_S)
+        assert option[0] in refused.stderr
+        _, errors = first_events(port, tmp_path, count=1)
+    assert NOT_IN_ORDER not in refused.stderr + errors
