@@ -48,6 +48,7 @@ from controller.io.retentive_writer import RetentiveWriter, writer_until_end
 from controller.io.runtime import Runtime
 from controller.iomap.digest import map_digest
 from controller.program.machine import Transplanter
+from controller.program.tags import FORGOTTEN
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -266,6 +267,7 @@ def _check_numbers(options: argparse.Namespace) -> None:
 @contextmanager
 def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Iterator[FileStore]:
     """Restore the retentive memory, apply the initial set-points, and lock the file for this process."""
+    given = start_values(machine, options)  # before the files are touched
     try:
         lock = lock_file(options.retain)
     except FileLockError as error:
@@ -273,7 +275,7 @@ def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Ite
     store = FileStore(options.retain)
     try:
         _restore(machine, plc, store)
-        for word, value in start_values(machine, options).items():
+        for word, value in given.items():
             plc.write(word, value)
         for name, (value, default) in machine.tags.sp.changed(plc.read).items():
             print(f"machine constant {name}: {value} instead of {default}", file=sys.stderr, flush=True)
@@ -318,3 +320,5 @@ def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
             raise InputError(f"--retain {store.path}: {refused.strerror}; choose a writable file") from refused
         print(f"{prefix}{error}; renamed to {' and '.join(map(str, asides))}", file=sys.stderr)
         plc.write(machine.tags.system.memory_lost, 1)
+        # stored before the first scan, so that a further loss of power does not hide this one
+        plc.write(machine.tags.tray.phase, FORGOTTEN)

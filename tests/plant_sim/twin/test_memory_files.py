@@ -8,10 +8,12 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from controller.core.retentive_store import FileStore
+from controller.program.tags import FORGOTTEN
 from tests.plant_sim.twin.process_rig import first_events, plant_thread, run_command
 from tests.real_time import COMMAND_S, WAIT_S
 
@@ -72,19 +74,40 @@ def test_only_a_run_that_was_killed_is_reported_as_such(tmp_path: Path, end: sig
     assert [path.name for path in tmp_path.glob("*.damaged")] == []
 
 
-def test_a_start_without_a_field_has_confirmed_its_memory(tmp_path: Path) -> None:
-    """Both marks are equal before the first scan, so that an old copy is detected also after a run that did nothing."""
+def killed_before_the_first_scan(tmp_path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Kill a controller that waits for its field I/O; return the contents of memory and mark."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
     command = [sys.executable, "-m", *run_command(port, tmp_path)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as waiting:
         assert waiting.stderr is not None
-        assert f"127.0.0.1:{port}" in waiting.stderr.readline()
+        assert any(f"127.0.0.1:{port}" in line for line in waiting.stderr)
         waiting.kill()
         waiting.communicate(timeout=WAIT_S)
     memory, mark = (json.loads((tmp_path / name).read_bytes()) for name in ("retentive.json", "retentive.json.mark"))
+    return memory, mark
+
+
+def test_a_start_without_a_field_has_confirmed_its_memory(tmp_path: Path) -> None:
+    """Both marks are equal before the first scan, so that an old copy is detected also after a run that did nothing."""
+    memory, mark = killed_before_the_first_scan(tmp_path)
     assert memory["generation"] == mark["generation"] == 1
     assert mark["open"] is True
+
+
+def test_a_loss_is_stored_before_the_first_scan(tmp_path: Path) -> None:
+    """A controller that is killed after it has set the memory aside still asks for the tray at the next start."""
+    (tmp_path / "retentive.json").write_text("damaged", encoding="utf-8")
+    memory, _ = killed_before_the_first_scan(tmp_path)
+    assert memory["values"]["D561"] == FORGOTTEN
+
+
+def test_a_refused_start_value_leaves_the_memory_alone(tmp_path: Path) -> None:
+    (tmp_path / "retentive.json").write_text("damaged", encoding="utf-8")
+    command = [sys.executable, "-m", *run_command(1, tmp_path, "--set", "clamp=1")]
+    refused = subprocess.run(command, check=False, capture_output=True, text=True, timeout=COMMAND_S)
+    assert (refused.returncode, refused.stderr) == (2, "--set clamp=1: must be 10 to 200\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["retentive.json"]
 
 
 @pytest.mark.parametrize("option", [("--pace", "6000"), ("--history", "/proc/no/history.sqlite")])
