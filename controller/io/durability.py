@@ -15,8 +15,8 @@ from controller.io.runtime import STORE_LIMIT_MS
 RUN: Final = "controller run"
 """Target of the soft PLC; the other targets are those of ``ladder export``."""
 WRITE_BACK_S: Final = 35
-"""Age of a written value that Linux has not yet stored, s: `vm.dirty_expire_centisecs` (30 s) and
-`vm.dirty_writeback_centisecs` (5 s), as read on one computer; OpenPLC does not synchronise its file."""
+"""Age of a written value that Linux has not yet stored, s: vm.dirty_expire_centisecs (30 s) and
+vm.dirty_writeback_centisecs (5 s), as read on one computer; OpenPLC does not synchronise its file."""
 
 
 class Kept(Enum):
