@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 
 from controller.common.errors import InputError
@@ -13,7 +13,7 @@ from controller.common.yaml_lines import LocatedMapping, read_yaml, shown, unfol
 from controller.core.expr import Word
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import Transplanter, build
-from controller.program.requirements.travel_times import DELIVERED, TravelTimes, TravelTimesError, check_time, misfits
+from controller.program.requirements.travel_times import MachineData, TravelTimes, TravelTimesError, check_time, misfits
 from controller.program.set_points import SetPointError, SetPoints
 
 
@@ -38,19 +38,6 @@ def machine_of(options: argparse.Namespace, *, without: Collection[str] = ()) ->
         RuleError: A rule in `without` is unknown.
     """
     return build(load_io_map(options.io_map), without=without)
-
-
-@dataclass(frozen=True, slots=True)
-class StartValues:
-    """Values given at a start.
-
-    Attributes:
-        values: Values of set-points and machine constants.
-        times: Travel times of the machine.
-    """
-
-    values: dict[Word, int]
-    times: TravelTimes = DELIVERED
 
 
 def add_start_values(parser: argparse.ArgumentParser, *, example: str) -> None:
@@ -84,18 +71,20 @@ def start_values(machine: Transplanter, options: argparse.Namespace) -> dict[Wor
         ConstantsError: The file is invalid.
         InputError: A value of ``--set`` is invalid, or a time of the program does not fit the machine.
     """
-    set_points = machine.tags.sp
-    given = read_constants(set_points, options.constants)
-    values = {**given.values, **_assigned(set_points, options.set_points)}
-    lines = misfits(machine.program, machine.tags, given.times, values)
+    given = read_constants(machine.tags.sp, options.constants)
+    values = {**given.values, **_assigned(machine.tags.sp, options.set_points)}
+    lines = misfits(machine.program, machine.tags, MachineData(given.times, values))
     if lines:
         source = "the delivered machine" if options.constants is None else options.constants.name
         others = "" if len(lines) == 1 else f", and {len(lines) - 1} more"
-        raise InputError(f"{source}: {lines[0]}{others}; correct --set or the travel times in --constants")
+        raise InputError(
+            f"{source}: {lines[0]}{others}; correct the value in --set or --constants that is wrong, or change the "
+            "program, if none is"
+        )
     return values
 
 
-def read_constants(set_points: SetPoints, path: Path | None) -> StartValues:
+def read_constants(set_points: SetPoints, path: Path | None) -> MachineData:
     """Return the contents of a constants file: a mapping of names to integers.
 
     Args:
@@ -106,7 +95,7 @@ def read_constants(set_points: SetPoints, path: Path | None) -> StartValues:
         ConstantsError: The file cannot be read, or a name or a value is invalid.
     """
     if path is None:
-        return StartValues({})
+        return MachineData()
     constants = {name for name in set_points.names() if getattr(set_points, name) in set_points.constants}
     times = {each.name for each in fields(TravelTimes)}
     located = unfold(read_yaml(path, ConstantsError), depth=1)
@@ -128,7 +117,7 @@ def read_constants(set_points: SetPoints, path: Path | None) -> StartValues:
             located.add_fault((name,), str(error).removeprefix(f"{name}: "))
     _raise_first(path, located)
     try:
-        return StartValues(values, TravelTimes(**given))
+        return MachineData(TravelTimes(**given), values)
     except TravelTimesError as error:
         raise ConstantsError(f"{path.name}: {error}") from error
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-from controller.cli.machine import machine_of
+from controller.cli.machine import machine_of, read_constants
 from controller.common.errors import InputError
 from controller.core.program import Program
 from controller.program.machine import Transplanter
@@ -62,7 +62,8 @@ def run_mutants(options: argparse.Namespace, clock: Callable[[], float]) -> int:
     machine = machine_of(options)
     every = mutants_of(machine.program)
     chosen = sample(every, options.mutants, options.seed)
-    judgement = Judgement(specification_of(machine), without_rule(machine, partial(machine_of, options)))
+    data = read_constants(machine.tags.sp, options.constants)
+    judgement = Judgement(specification_of(machine, data), without_rule(machine, partial(machine_of, options)))
     results = judged(judgement, chosen, story_command(options.io_map))
     if options.out is not None:
         population = Counter(mutant.kind for mutant in every)

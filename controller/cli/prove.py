@@ -52,10 +52,10 @@ def run(options: argparse.Namespace) -> int:
     if options.mutants is not None:
         return run_mutants(options, lambda: clock.now_ms() / 1000)
     machine = machine_of(options, without=options.without)
-    times = read_constants(machine.tags.sp, options.constants).times
+    data = read_constants(machine.tags.sp, options.constants)
     try:
         text, good = prove_command(
-            specification_of(machine, times),
+            specification_of(machine, data),
             clock=lambda: clock.now_ms() / 1000,
             goals=options.goal,
             short=options.short,

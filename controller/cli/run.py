@@ -39,6 +39,7 @@ from controller.common.stop_request import Stop, StopRequest
 from controller.core.clock import MonotonicClock, utc_ms, utc_text
 from controller.core.retentive_store import DamagedStoreError, FileStore
 from controller.core.scan import Plc
+from controller.hmi.modbus.tag_list import unit_of
 from controller.io.captured_plc import CapturedPlc
 from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
@@ -278,7 +279,9 @@ def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Ite
         for word, value in given.items():
             plc.write(word, value)
         for name, (value, default) in machine.tags.sp.changed(plc.read).items():
-            print(f"machine constant {name}: {value} instead of {default}", file=sys.stderr, flush=True)
+            unit = unit_of(getattr(machine.tags.sp, name))
+            scale = f" (units of {unit})" if unit else ""
+            print(f"machine constant {name}: {value} instead of {default}{scale}", file=sys.stderr, flush=True)
         try:
             store.save(plc.retained())
             store.confirm()

@@ -39,7 +39,7 @@ def assumptions(times: TravelTimes) -> tuple[str, ...]:
         f"the devices travel in these times: lift {times.lift_shortest_ms} to {times.lift_ms} ms, "
         f"belt {times.belt_shortest_ms} to {times.belt_ms} ms, slide from feed to row 1 {times.row_1_shortest_ms} to "
         f"{times.row_1_ms} ms and from row to row {times.row_shortest_ms} to {times.row_ms} ms, "
-        f"claws at most {times.claws_ms} ms (constants file)"
+        f"claws at most {times.claws_ms} ms"
     )
     return (*_ASSUMPTIONS, travel)
 

@@ -16,7 +16,7 @@ from controller.program.requirements.limits import assumptions, limits
 from controller.program.requirements.positions import PositionMonitor
 from controller.program.requirements.safety import ArmMonitor, Safety
 from controller.program.requirements.time_limit import bounded
-from controller.program.requirements.travel_times import DELIVERED, TravelTimes, fits
+from controller.program.requirements.travel_times import MachineData, fits
 from controller.program.requirements.ways_out import ways_out
 from controller.program.states import MOVING, Mode, State
 from controller.program.tags import FORGOTTEN, IN_PLACE, IN_PROGRESS, NO_TRAY, ROWS, SIDES, TAKEN, Side
@@ -24,13 +24,14 @@ from controller.program.tags import FORGOTTEN, IN_PLACE, IN_PROGRESS, NO_TRAY, R
 _NAMES = {"lift": ("down", "up"), "slide": ("feed", "pick 1", "pick 2", "pick 3"), "belt": ("spread", "converged")}
 
 
-def specification(machine: Transplanter, times: TravelTimes = DELIVERED) -> Specification:
+def specification(machine: Transplanter, data: MachineData | None = None) -> Specification:
     """Return the specification to be proved for the machine's program.
 
     Args:
         machine: Program of the machine.
-        times: Travel times of the machine.
+        data: Data of the machine; None = those of the delivered one.
     """
+    data = data or MachineData()
     tags = machine.tags
     safety = Safety(tags, machine.alarms)
     invariants = dict(_of_machine(machine, safety))
@@ -45,22 +46,22 @@ def specification(machine: Transplanter, times: TravelTimes = DELIVERED) -> Spec
         invariants=tuple(Invariant(name, holds) for name, holds in invariants.items()),
         ways_out=ways_out(machine),
         ranges=tags.sp.limits,
-        assumptions=assumptions(times),
+        assumptions=assumptions(data.times),
         limits=tuple(limits(tags, safety)),
-        checks=_checks(machine, times),
+        checks=_checks(machine, data),
     )
 
 
-def _checks(machine: Transplanter, times: TravelTimes) -> tuple[ComputedProperty, ...]:
+def _checks(machine: Transplanter, data: MachineData) -> tuple[ComputedProperty, ...]:
     """Return the checks of the times of the program, that homing ends, and that it arrives in Idle."""
 
     def arrives() -> PropertyResult:
         from controller.program.requirements.homing import explored  # noqa: PLC0415 - requires llvmlite
 
-        return explored(machine, times)
+        return explored(machine, data.times)
 
     def timed(program: Program) -> PropertyResult:
-        return fits(program, machine.tags, times)
+        return fits(program, machine.tags, data)
 
     rests_on = tuple(name for name, _ in _homing_ends(machine))
     return (

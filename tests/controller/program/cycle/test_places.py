@@ -133,7 +133,7 @@ def test_an_alarm_with_a_switch_still_stuck_is_not_reset() -> None:
 def test_another_row_spacing_needs_another_minimum_travel_time() -> None:
     """At a row spacing of 350 mm, the default minimum travel time raises an alarm; the calculated one does not."""
     values = {"trays_target": 1, "slide_least": SLIDE_LEAST_X10_MS}
-    with pytest.raises(MisfitError, match="a switch is believed after 900 ms, but can come on after 370 ms"):
+    with pytest.raises(MisfitError, match="a switch is believed after 900 ms, but can come on after 310 ms"):
         Twin(set_points=values, parameters=NARROW)
     twin = Twin(set_points=values, parameters=NARROW, trays=1, misfit=True)
     twin.home()
