@@ -15,7 +15,7 @@ from controller.program.operator.next_press import NextPress, press_text
 from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import HOLDS, Mode, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
-from controller.program.texts.operator import CONSTANT, MODES, QUESTIONS, REASONS, STATES, Language
+from controller.program.texts.operator import CONSTANT, CONSTANTS, MODES, QUESTIONS, REASONS, STATES, Language
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
 GapCause = Literal["none", "tray", "centre", "row"]
@@ -331,13 +331,18 @@ class ProductionLog(Saved):
         self._alarms = alarms
 
     def _alarm_text(self, number: int, plc: Plc) -> str:
-        """Return the text of an alarm; the warning of machine constants names those that differ from their defaults."""
+        """Return the text of an alarm; the warning of machine constants names those that differ from their defaults.
+
+        None differs when the warning ends because a tool has written the defaults back.
+        """
         text: str = getattr(self._machine.alarms.of(number).text, self._language)
         if number != self._machine.alarms.constants.number:
             return text
         form: str = getattr(CONSTANT, self._language)
         changed = self._machine.tags.sp.changed(plc.read)
-        return f"{text}: {', '.join(form.format(name=n, value=v, default=d) for n, (v, d) in changed.items())}"
+        names = ", ".join(form.format(name=n, value=v, default=d) for n, (v, d) in changed.items())
+        whole: str = getattr(CONSTANTS, self._language)
+        return whole.format(warning=text, constants=names) if names else text
 
     def _report_questions(self, now_ms: int, plc: Plc) -> None:
         relays = plc.memory.M

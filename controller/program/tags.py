@@ -154,7 +154,7 @@ class MachineTags:
         self.reset_released = m.bit("reset released", "reset button released after a press, this scan")
         self.constants_differ = m.bit("constants differ", "a machine constant differs from its default")
         self.constants_open = m.bit(
-            "constants unconfirmed", "a constant differs, and X25 has not been pressed and released since the start"
+            "constants open", "a constant differs, and X25 has not been pressed and released since the start"
         )
         self.confirm_ready = m.bit("confirmation possible", "X25 seen released since the start")
         self.confirming = m.bit("confirming", "X25 pressed to confirm the constants")

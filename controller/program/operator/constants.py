@@ -1,7 +1,8 @@
 """Confirmation of machine constants: a person presses and releases X25 before the first homing of a start.
 
-The confirmation is required only if a constant differs from its default. It shows that somebody stands at the machine
-who has read the message, and that the emergency stop works.
+The confirmation is required only if a constant differs from its default. It shows that somebody is at the machine and
+that the contact of X25 reaches the PLC. It shows neither that the message has been read, nor that the emergency stop
+removes power and air: X25 only informs the program.
 """
 
 from __future__ import annotations

@@ -36,7 +36,8 @@ class _OperatorPresses:
     def __init__(self, machine: Transplanter) -> None:
         tags = machine.tags
         x, system = tags.x, tags.system
-        buttons = [x.start, x.stop, x.emergency_stop, *filter(None, [x.optional("reset")])]
+        reset = x.optional("reset")
+        buttons = [x.start, x.stop, x.emergency_stop, *(() if reset is None else (reset,))]
         self._nothing = {
             **dict(_terminal(button, active=False) for button in buttons),
             **{command.bit: False for command in tags.commands},

@@ -255,5 +255,8 @@ IN_MODE: Final = Text("{text} (mode: {mode})", "{text}（模式：{mode}）")
 CONSTANT: Final = Text("{name} {value} (default {default})", "{name} {value}（默认值 {default}）")
 """Format of a machine constant that differs from its default."""
 
+CONSTANTS: Final = Text("{warning}: {constants}", "{warning}：{constants}")
+"""Format of the warning of machine constants with those that differ from their defaults."""
+
 CANNOT: Final = Text("cannot {order}: {reason}", "无法{order}：{reason}")
 """Format of a refusal."""

@@ -16,6 +16,8 @@ from controller.cli.prove import prove_command
 from controller.core.expr import Bit, evaluate
 from controller.core.rungs import Out, written_devices
 from controller.core.specification import ComputedProperty, Invariant, Limit, Requirement, WayOut
+from controller.program.machine import build
+from controller.program.requirements.proof import specification
 from controller.program.states import State
 from controller.verify.cells import ModelError
 from controller.verify.report import CONSISTENT, Result, prove
@@ -24,6 +26,7 @@ from tests.controller.core.core_rig import x, y
 from tests.controller.verify.proof_rig import MACHINE, SOUND, seconds
 from tests.controller.verify.verify_rig import specification_of
 from tests.sampling import first_of
+from tests.wiring import wired
 
 RULE, GOAL = "left: down at feed only", "left: down away from feed"
 STEPS: list[Bit] = [bit for sequence in MACHINE.program.sequences() for bit, _ in sequence]
@@ -99,6 +102,13 @@ def test_the_proof_succeeds(every: int) -> None:
     assert len(report["rows"]) == len(expected)
     assert {row["name"]: row["result"] for row in report["rows"]} == expected
     assert (done.returncode, report["good"]) == (0, True)
+
+
+def test_a_machine_with_a_reset_button_is_proved() -> None:
+    """The optional button is one of the buttons that are off in a way out."""
+    goals = {"a press that may reset is one of the reset button", "reset: from Stopped to Resetting"}
+    report = prove(specification(build(wired("reset"))), clock=seconds, only=goals)
+    assert {row.name for row in report.rows if row.result is Result.PROVED} >= goals
 
 
 # ---- commands ---------------------------------------------------------------------------------------------------

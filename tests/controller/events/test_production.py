@@ -253,6 +253,26 @@ def test_an_alarm_is_reported_when_it_is_set_and_when_it_is_reset() -> None:
     assert [event.text for event in chinese if isinstance(event, StateEvent)][-3:] == ["保持中", "已保持", "复位中"]
 
 
+def test_the_warning_of_machine_constants_names_those_that_differ() -> None:
+    """At its end, when a tool has written the default back, none differs."""
+    twin = switched_on()
+    chinese: list[Event] = []
+    twin.runtime.observers.append(ProductionLog(twin.machine, chinese.append, "zh"))
+    for value in (15, 20):
+        twin.plc.write(twin.machine.tags.sp.clamp, value)
+        twin.run_for(20)
+    text = "A machine constant differs from its default"
+    assert [(each.active, each.text) for each in twin.alarm_events()] == [
+        (True, f"{text}: clamp 15 (default 20)"),
+        (False, text),
+    ]
+    text = "机器常数与默认值不同"
+    assert [event.text for event in chinese if isinstance(event, AlarmEvent)] == [
+        f"{text}：clamp 15（默认值 20）",
+        text,
+    ]
+
+
 def test_a_question_is_reported_when_it_is_asked_and_when_it_is_answered() -> None:
     """After a power loss while the claws are closing, the operator is asked whether the arm holds the row."""
     twin = at_work({"trays_target": 1})

@@ -164,7 +164,10 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
         Case("clearing without the end of a press or a command", "cleared_unbidden", "cleared_unbidden"),
     ],
     "constants that differ are confirmed before the first homing": [
-        Case("homing before the constants are confirmed", "unconfirmed entered_resetting", "unconfirmed"),
+        *(
+            Case("homing before the constants are confirmed", f"{mode} unconfirmed entered_resetting", "unconfirmed")
+            for mode in ("", "manual")
+        ),
         Case("homing before the constants are confirmed", "unconfirmed entered_resetting", "entered_resetting"),
     ],
     "one arm at least is in service": [

@@ -139,6 +139,15 @@ def test_homing_continues_after_its_question_is_answered() -> None:
     assert twin.state is State.IDLE
 
 
+def test_homing_after_a_power_cycle_confirms_machine_constants_that_differ() -> None:
+    """The program refuses X0 until X25 has been pressed and released."""
+    twin = switched_on({"clamp": 21})
+    twin.home()
+    twin.power_cycle()
+    assert home_again(twin) == set()
+    assert twin.state is State.IDLE
+
+
 def test_a_machine_with_a_remaining_fault_is_not_homed() -> None:
     """With a lift still jammed, homing ends in an alarm, and recovery fails with a message that describes the state."""
     twin = at_work({"trays_target": 1})

@@ -488,17 +488,20 @@ def test_parameter_is_checked_before_it_is_sent(stopped: Station, screen: Screen
     expect(screen.find("[data-set-point=arms_may_meet] input")).to_have_count(0)
 
 
-def test_a_constant_that_differs_is_named_in_the_alarm_list_and_marked(stopped: Station, screen: Screen) -> None:
+@pytest.mark.parametrize(("counts", "value"), [(30, "300 ms"), (15, "150 ms")])
+def test_a_constant_that_differs_is_named_in_the_alarm_list_and_marked(
+    stopped: Station, screen: Screen, counts: int, value: str
+) -> None:
     """Also if a tool has changed its register; the warning ends with the difference."""
     live, word = stopped.live, stopped.live.machine.tags.sp.clamp
     row = screen.find("[data-set-point=clamp]")
     screen.open("parameters")
     expect(row).not_to_have_attribute("data-differs", "1")
-    live.runtime.plc.write(word, 30)
+    live.runtime.plc.write(word, counts)
     try:
         expect(row).to_have_attribute("data-differs", "1")
         screen.open("alarms")
-        expect(screen.find("[data-alarm='999'] .alarm-constants")).to_contain_text("300 ms (default 200 ms)")
+        expect(screen.find("[data-alarm='999'] .alarm-constants")).to_contain_text(f"{value} (default 200 ms)")
     finally:
         live.runtime.plc.write(word, 20)
     screen.press("[data-command=acknowledge_all]")
