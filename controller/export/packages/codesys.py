@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.export.packages.iec import COMMANDS, TEXT, constant_bits, require_levels, safe_levels, size
-from controller.export.packages.package import README, PackageReport, PackageSource, write_files
+from controller.export.packages.package import CONFIRMATION, README, PackageReport, PackageSource, write_files
 from controller.export.packages.plcopen_xml import plcopen_xml
 from controller.export.runtime_parts.inputs import FieldInputs
 from controller.export.runtime_parts.memory import RetainedMemory
@@ -42,6 +42,7 @@ _README: Final = """{name}: program for CODESYS 3.5
 
 Supervision: if the scans and the time of the runtime differ by more than 200 ms, alarm S902 aborts the machine.
 
+{confirmation}
 The file has been checked against the schema of PLCopen. It has not yet been imported into CODESYS.
 
 System bits that are constant on this target:
@@ -96,6 +97,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         orders=ORDERS,
         persistent=PERSISTENT,
         link=_LINK if modbus else "",
+        confirmation=CONFIRMATION,
         constants=constant_bits(program, link=modbus),
     )
     write_files(folder, {XML: xml.encode(), TEXT: _objects(text, local, lists).encode(), README: readme.encode()})

@@ -8,7 +8,14 @@ from typing import Final
 
 from controller.core.program import Program
 from controller.export.instruction_list import POWER_UP, SUPERVISION, acting, export
-from controller.export.packages.package import README, PackageReport, PackageSource, require_terminals, write_files
+from controller.export.packages.package import (
+    CONFIRMATION,
+    README,
+    PackageReport,
+    PackageSource,
+    require_terminals,
+    write_files,
+)
 from controller.export.scan_supervision import LONGEST_MEAN_MS, LONGEST_MS
 from controller.fx.language.check import CASSETTE_STEPS, MOST_STEPS, budget, remedy_for_steps, usage
 from controller.fx.language.editor_blocks import MOST_LINES, editor_blocks
@@ -44,6 +51,7 @@ Memory: {steps} steps. An FX2N has {most_steps} steps, with a memory cassette {c
 
 {scan_time}
 
+{confirmation}
 The files have not yet been loaded into GX Works2, nor the program into a real FX2N.
 """
 
@@ -77,6 +85,7 @@ def _readme(program: Program, ladder: Ladder) -> str:
             f"{PLC_CHARACTERS} characters of a comment (general knowledge); the project has all of them.",
             120,
         ),
+        confirmation=CONFIRMATION,
         lines=MOST_LINES,
         steps=usage(ladder).steps,
         most_steps=MOST_STEPS,

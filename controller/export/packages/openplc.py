@@ -29,7 +29,14 @@ from controller.export.packages.iec import (
     safe_levels,
     size,
 )
-from controller.export.packages.package import README, PackageError, PackageReport, PackageSource, write_files
+from controller.export.packages.package import (
+    CONFIRMATION,
+    README,
+    PackageError,
+    PackageReport,
+    PackageSource,
+    write_files,
+)
 from controller.export.runtime_parts.inputs import FieldInputs
 from controller.export.runtime_parts.memory import KeptSetPoints, RetainedMemory, ShownValues
 from controller.export.runtime_parts.openplc_clock import FAULTS, OpenPlcClock
@@ -71,6 +78,7 @@ _README: Final = """{name}: program for OpenPLC Runtime v3 (commit bb35f69 or la
 
 Supervision: if the scans and the clocks of the runtime differ by more than 200 ms, alarm S902 aborts the machine{link}.
 
+{confirmation}
 System bits that are constant on this target:
 {constants}
 """
@@ -186,6 +194,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         wiring=_wiring(places),
         storage_s=STORAGE_S,
         link=", and if the I/O device does not respond for 100 ms, alarm S901" if modbus else "",
+        confirmation=CONFIRMATION,
         constants=constant_bits(program, link=modbus),
     )
     files = {

@@ -18,6 +18,12 @@ Io = Literal["modbus", "terminals"]
 README: Final = "README.txt"
 """Name of the text in every package that describes how to load it."""
 
+CONFIRMATION: Final = """\
+Machine constants: if one differs from its default (ladder export --set or --constants), X0 has no effect after each
+start of the PLC until X25 has been pressed and released, and X24 pressed for 3 s and released.
+"""
+"""Operation of a program with machine constants that differ, for the text of every package."""
+
 
 class PackageError(InputError):
     """Raised for a program that a target cannot hold, or for a folder that cannot be written."""

@@ -15,7 +15,14 @@ from controller.export.packages.iec import (
     safe_levels,
     size,
 )
-from controller.export.packages.package import README, PackageReport, PackageSource, require_terminals, write_files
+from controller.export.packages.package import (
+    CONFIRMATION,
+    README,
+    PackageReport,
+    PackageSource,
+    require_terminals,
+    write_files,
+)
 from controller.export.runtime_parts.inputs import FieldInputs
 from controller.export.runtime_parts.memory import RetainedMemory
 from controller.export.runtime_parts.scan_clock import ScanClock
@@ -34,6 +41,7 @@ _README: Final = """{name}: Structured Text of IEC 61131-3 without vendor extens
    use a package for the runtime, or remove the addresses.
 4. The runtime must retain VAR RETAIN. After a loss of this memory, the program reports alarm S904.
 
+{confirmation}
 System bits that are constant on this target:
 {constants}
 """
@@ -62,7 +70,11 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
     parts = (FieldInputs(program, terminal), ScanClock(program), RetainedMemory(program, retained=True))
     text = structured_text(program, parts=parts, variables=Variables(program, locate, safe_levels(source)))
     readme = _README.format(
-        name=program.name, text=TEXT, addresses=ADDRESSES, constants=constant_bits(program, link=False)
+        name=program.name,
+        text=TEXT,
+        addresses=ADDRESSES,
+        confirmation=CONFIRMATION,
+        constants=constant_bits(program, link=False),
     )
     files = {
         TEXT: f"{text}\n{configuration(text.name)}".encode(),

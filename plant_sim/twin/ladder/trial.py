@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Final
 
 from controller.fx.engine.execution import fastest_execution
@@ -14,10 +14,12 @@ from controller.fx.language.instruction import DeviceOperand, Ladder, LadderErro
 from controller.fx.language.reading import load_ladder
 from controller.iomap.loader import IoMap
 from plant_sim.crop.seedling import SeedlingCounts
+from plant_sim.devices.operator_box import OperatorBox
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.ladder.scan_timing import NO_WATCHDOG_MS, ScanEstimate, ScanMonitor, ScanTiming, TrialClock
+from plant_sim.twin.lock_step import CLEAR_MS
 
 __all__ = ["LadderError", "LadderReport", "ScanRow", "load_ladder", "run_ladder_trial", "table"]
 
@@ -101,7 +103,8 @@ def run_ladder_trial(
 ) -> LadderReport:
     """Run an FX program on the plant until all motion has stopped.
 
-    The operator presses the start button whenever nothing has moved for `IDLE_LIMIT_MS` and seedlings remain.
+    The operator presses the start button whenever nothing has moved for `IDLE_LIMIT_MS` and seedlings remain. If the
+    first press has moved nothing, the operator confirms machine constants before the second one.
 
     Args:
         ladder: The program; it drives the terminals of the I/O map.
@@ -122,7 +125,8 @@ def run_ladder_trial(
     module = IoModule(plant, io_map, watchdog_ms=NO_WATCHDOG_MS)
     plc = FxPlc(ladder, execution=fastest_execution, peripherals=peripherals)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
-    presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
+    operator = _Operator(plant.box)
+    still_ms, now_ms = IDLE_LIMIT_MS - PRESS_MS, 0  # first press soon after start
     clock, monitor = TrialClock(timing, seed), ScanMonitor(estimates)
     while plc.error is None and now_ms < trays * TRAY_LIMIT_MS:
         image = plc.scan(now_ms, module.inputs())[: io_map.output_count]
@@ -131,22 +135,63 @@ def run_ladder_trial(
         module.write_outputs(0, image)
         monitor.note(plc)
         scan_ms = clock.next_ms(plc)
-        still_ms = 0 if any(point.active(image[point.number]) for point in movers) else still_ms + scan_ms
+        moves = any(point.active(image[point.number]) for point in movers)
+        still_ms = 0 if moves else still_ms + scan_ms
+        operator.moved |= moves
         if still_ms >= IDLE_LIMIT_MS:
             counts = plant.counts()
-            if presses == MAX_PRESSES or not (counts.in_tray or counts.in_claw):
+            if operator.presses == MAX_PRESSES or not (counts.in_tray or counts.in_claw):
                 break
-            plant.box.start, still_ms, presses = True, 0, presses + 1
-            release_ms = now_ms + max(PRESS_MS, PRESS_SCANS * scan_ms)
-        if plant.box.start and now_ms >= release_ms:
-            plant.box.start = False
+            still_ms = 0
+            operator.plan(now_ms, max(PRESS_MS, PRESS_SCANS * scan_ms))
+        operator.act(now_ms)
         clock.advance(module, plc, now_ms, scan_ms)
         now_ms += scan_ms
     incidents = tuple(f"{event.kind.value}: {event.text}, at {event.time_ms} ms" for event in plant.events)
     error, simulated_s = str(plc.error or ""), now_ms / 1_000
     return LadderReport(
-        plant.counts(), presses, incidents, simulated_s, error, alarms=monitor.alarms, scan_estimate=monitor.estimate
+        plant.counts(),
+        operator.presses,
+        incidents,
+        simulated_s,
+        error,
+        alarms=monitor.alarms,
+        scan_estimate=monitor.estimate,
     )
+
+
+@dataclass(slots=True)
+class _Operator:
+    """Operator who knows the push buttons, but not the program.
+
+    Attributes:
+        box: Push buttons at the machine.
+        presses: Number of presses of the start button, including a planned one.
+        moved: Whether anything has moved since power-up.
+    """
+
+    box: OperatorBox
+    presses: int = 0
+    moved: bool = False
+    _changes: list[tuple[int, str, bool]] = field(default_factory=list)
+
+    def plan(self, now_ms: int, press_ms: int) -> None:
+        """Plan a press of X0; if the first one moved nothing, X25 and X24 are pressed before it.
+
+        A program whose machine constants differ from their defaults waits for X25, and then for X24.
+        """
+        confirms = self.presses == 1 and not self.moved
+        for button, for_ms in (("emergency_stop", press_ms), ("stop", CLEAR_MS), ("start", press_ms)):
+            if confirms or button == "start":
+                self._changes += [(now_ms, button, True), (now_ms + for_ms, button, False)]
+                now_ms += for_ms + press_ms
+        self.presses += 1
+
+    def act(self, now_ms: int) -> None:
+        """Press and release the buttons whose time has come."""
+        while self._changes and self._changes[0][0] <= now_ms:
+            _, button, pressed = self._changes.pop(0)
+            setattr(self.box, button, pressed)
 
 
 def _write(plc: FxPlc, values: Mapping[DeviceOperand, int]) -> None:

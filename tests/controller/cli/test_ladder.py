@@ -216,6 +216,19 @@ def test_the_exported_program_transplants_144_seedlings(
     ]
 
 
+def test_the_operator_of_a_trial_confirms_constants_that_differ(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first press of X0 moves nothing; after X25 (alarm S900) and X24, the second homes and the third starts."""
+    assert controller(["ladder", "export", "--target", "fx2n", "--set", "clamp=21", "--out", str(tmp_path)]) == 0
+    capsys.readouterr()
+    assert plant_sim(["trial", "--ladder", str(tmp_path / "transplanter.csv"), "--trays", "1", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["completed"]
+    assert (report["presses"], [alarm.split()[0] for alarm in report["alarms"]]) == (3, ["S900"])
+    assert report["in_cups"] > 60
+
+
 def test_a_program_without_outputs_transplants_nothing(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
     program.write_text("LD X0\nOUT M0\nEND\n", encoding="utf-8")
     assert plant_sim(["trial", "--ladder", str(program), "--trays", "1"]) == 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -12,6 +12,7 @@ from typing import Final
 from xml.etree import ElementTree as Xml
 
 from controller.cli.ladder_export import TARGETS
+from controller.core.expr import Word
 from controller.export.packages.package import Io, PackageSource
 from controller.export.runtime_parts.part import SCAN_MS
 from controller.program.states import State
@@ -66,7 +67,11 @@ PLACES: Final = {
 @cache
 def program(target: str) -> StProgram:
     """Return the parsed program of a package."""
-    files = package(target)
+    return parsed_program(target, package(target))
+
+
+def parsed_program(target: str, files: Mapping[str, str]) -> StProgram:
+    """Return the parsed program of a package from its files by name."""
     return StProgram(text_of_xml(files["transplanter.xml"]) if target == "codesys" else files["transplanter.st"])
 
 
@@ -138,16 +143,24 @@ class PackageRig:
         self.clock_ms = self.utc_ms = self.late_us = self.link_ms = 0
         plc.values["v_memory_kept"] = True
         for name, value in (set_points_of(load_machine()) | {"trays_target": trays}).items():
-            plc.write(self._register(getattr(MACHINE.tags.sp, name).number), value)
+            self.write(getattr(MACHINE.tags.sp, name), value)
 
     def _register(self, number: int) -> str:
         area, first = self._places.register
         return f"{area}{first + number}"
 
+    def read(self, word: Word) -> int:
+        """Return the value of a register."""
+        return self.plc.read(self._register(word.number))
+
+    def write(self, word: Word, value: int) -> None:
+        """Write a register."""
+        self.plc.write(self._register(word.number), value)
+
     @property
     def state(self) -> State:
         """PackML state."""
-        return State(self.plc.read(self._register(MACHINE.tags.machine.state.number)))
+        return State(self.read(MACHINE.tags.machine.state))
 
     def is_in(self, state: State) -> bool:
         """Return whether the machine is in a PackML state."""
