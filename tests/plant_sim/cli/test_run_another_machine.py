@@ -47,8 +47,8 @@ def test_the_operator_of_the_live_run_confirms_the_constants_of_the_machine(tmp_
 
 def test_the_live_run_of_a_machine_that_does_not_fit_ends_in_one_line(tmp_path: Path) -> None:
     """The controller refuses the file; the plant is stopped, and nothing has moved."""
-    ended = run(changed(tmp_path, "stroke_m", "0.150", "0.310"))
+    ended = run(changed(tmp_path, "stroke_m", "0.150", "0.232"))
     assert ended.returncode == 2
     (line,) = [line for line in ended.stderr.splitlines() if "constants.yaml" in line]
-    assert "left lift: its arrival is believed after 1500 ms, but the travel takes 1550 ms" in line
+    assert "left lift: its arrival is believed after 1500 ms, but the travel takes 1510 ms" in line
     assert "Traceback" not in ended.stderr
