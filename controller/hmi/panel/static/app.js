@@ -40,10 +40,10 @@ export function refuse(reason) {
   app.notice(reason, false, newPress());
 }
 
-/** Send an order and show the reply to its press; returns whether the order was executed. */
-export async function order(message, press = newPress()) {
+/** Send an order and show the reply to its press, or `done` if it was executed; returns whether it was executed. */
+export async function order(message, press = newPress(), done = null) {
   const reply = await app.link.order(message);
-  app.notice(replyText(reply), reply.ok, press);
+  app.notice(reply.ok && done !== null ? done : replyText(reply), reply.ok, press);
   return reply.ok;
 }
 

@@ -1,6 +1,6 @@
 // Operator box of a simulated machine and simulation speed; hidden if not available.
 
-import { app, obstacle, order, refuse } from "./app.js";
+import { app, newPress, obstacle, order, refuse } from "./app.js";
 import { OrderButton, boxButton } from "./controls.js";
 import { make, mark, write } from "./dom.js";
 import { t } from "./texts.js";
@@ -63,7 +63,10 @@ class EmergencyStopButton {
 
   press() {
     if (this.reason !== null) refuse(this.reason);
-    else void order({ type: "box", button: "emergency_stop", pressed: !this.pressed });
+    else {
+      const pressed = !this.pressed;
+      void order({ type: "box", button: "emergency_stop", pressed }, newPress(), t(pressed ? "box.stopped" : "box.released"));
+    }
   }
 }
 

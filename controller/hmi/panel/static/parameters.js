@@ -79,8 +79,8 @@ class ParameterRow {
     const { raw, error } = this.#parse(this.input.value.trim());
     write(this.error, error ?? "");
     mark(this.input, "aria-invalid", error === null ? null : "true");
-    if (reason !== null) refuse(reason);
-    else if (error === null && (await order({ type: "set", name: this.point.name, value: raw }))) this.input.value = "";
+    if (reason !== null || error !== null) refuse(reason ?? error);
+    else if (await order({ type: "set", name: this.point.name, value: raw })) this.input.value = "";
   }
 
   /** Return the value in counts of the controller, or the input error. */

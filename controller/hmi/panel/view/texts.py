@@ -168,6 +168,8 @@ _OVERVIEW: Final = {
     "box.stop": Text("Stop X24", "停止 X24"),
     "box.reset": Text("Reset", "复位"),
     "box.emergency_stop": Text("Emergency stop X25", "急停 X25"),
+    "box.stopped": Text("Emergency stop X25 pressed", "急停 X25 已按下"),
+    "box.released": Text("Emergency stop X25 released", "急停 X25 已释放"),
     "box.latched": Text("Pressed: press again to release", "已按下：再按一次释放"),
     "pace": Text("Simulation speed", "仿真速度"),
     "pace.0": Text("Pause", "暂停"),

@@ -317,6 +317,7 @@ def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: B
 def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station, screen: Screen) -> None:
     live = stopped.live
     screen.press("[data-box=emergency_stop]")
+    expect(screen.find(".notice")).to_have_text("✓ Emergency stop X25 pressed")
     live.until_state(State.ABORTED)
     banner = screen.find("[data-part=banner]")
     for page in PAGES:
@@ -485,6 +486,10 @@ def test_parameter_is_checked_before_it_is_sent(stopped: Station, screen: Screen
     row.locator("input").press("Enter")
     live.until(lambda: live.runtime.plc.read(settle) == 30, "settle")
     expect(screen.find("[data-fact=settle]")).to_have_text("300 ms")
+    expect(screen.find(".notice")).to_have_text("✓ Done")
+    row.locator("input").fill("5")
+    row.locator("button").click()
+    expect(screen.find(".notice")).to_have_text("✕ Enter 50 to 2000")
     expect(screen.find("[data-set-point=arms_may_meet] input")).to_have_count(0)
 
 
