@@ -58,16 +58,16 @@ class PanelFrame {
     this.tabs = Object.keys(PAGES).map((name) => this.#tab(name));
     this.main = make("main", { id: "page", role: "tabpanel" });
     refill(document.getElementById("panel"), this.#header(),
-      make("div", { class: "always" }, this.stale, this.paused, this.field, this.forced, this.banner.node),
+      make("div", { class: "always" }, make("header", { class: "machine" }, this.state, this.reason, this.mode),
+        this.stale, this.paused, this.field, this.forced, this.banner.node),
       make("div", { class: "tabs", role: "tablist", "aria-label": t("tabs"), on: { keydown: (event) => this.#selectByKey(event) } }, ...this.tabs),
       this.main, this.noticeLine);
     this.open(this.name);
   }
 
   #header() {
-    return make("header", { class: "header" },
+    return make("div", { class: "header" },
       make("h1", { text: t("title") }),
-      make("div", { class: "machine" }, this.state, this.reason, this.mode),
       this.linkLamp, this.login.node, this.#languages());
   }
 

@@ -649,6 +649,18 @@ def test_every_page_fits_with_named_controls_of_touch_size(screen: Screen, width
         assert nameless == []
 
 
+def test_state_mode_and_alarm_stay_in_view_on_a_small_screen(screen: Screen) -> None:
+    """At the end of every page as at its beginning; they take less than a quarter of the height."""
+    screen.page.set_viewport_size({"width": 480, "height": 600})
+    for page in PAGES:
+        screen.open(page)
+        screen.page.evaluate("() => window.scrollTo(0, document.documentElement.scrollHeight)")
+        for fact in ("[data-fact=state]", "[data-fact=mode]", "[data-part=banner]"):
+            expect(screen.find(f".always {fact}")).to_be_in_viewport(ratio=1)
+        height = screen.page.evaluate("() => document.querySelector('.always').getBoundingClientRect().height")
+        assert height < 150, page
+
+
 def test_tabs_are_selected_with_the_arrow_keys(screen: Screen) -> None:
     screen.find("[role=tab][data-page=overview]").focus()
     for page in (*PAGES[1:], PAGES[0]):
