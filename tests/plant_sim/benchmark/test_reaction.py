@@ -60,11 +60,11 @@ def test_the_timer_counts_edges_without_an_echo(io_map: IoMap) -> None:
 def test_real_processes_answer_the_edges(baud: int | None) -> None:
     """The reaction is bounded loosely; `scripts/bench` states the figures of an idle computer.
 
-    Edges are missed on a computer on which a bare loop beside the controller is late by a scan.
+    Most edges are answered, unless a bare loop beside the controller is late by half a scan on this computer.
     """
     found = measure_reaction(1, scan_ms=50, seconds=3.0, baud=baud)
-    missed = found["missed"] if found["bare_p99"] >= 50 else 0
-    assert found["edges"] + missed > 10
+    assert found["edges"] + found["missed"] > 10
+    assert found["edges"] > found["missed"] or found["bare_p99"] >= 25
     assert 1 < found["median"] < 1_000
     assert found["median"] <= found["p99"] <= found["longest"]
     assert found["median_scans"] == found["median"] / 50
