@@ -44,8 +44,9 @@ class JogControl {
     this.button = jogButton(t(`jog.${bare}`), jog.output);
     this.lamp = make("span", { class: "jog-lamp" });
     this.feedback = make("span", { class: "why" });
+    this.blocked = make("span", { class: "wrong", role: "alert" });
     this.switches = (SWITCHES[bare] ?? []).map((name) => (this.side ? `${this.side}.${name}` : name));
-    this.node = make("div", { class: "jog" }, this.button.node, this.lamp, this.feedback);
+    this.node = make("div", { class: "jog" }, this.button.node, this.lamp, this.feedback, this.blocked);
   }
 
   update(view) {
@@ -53,6 +54,7 @@ class JogControl {
     const on = active(view, this.output) === true;
     mark(this.node, "data-on", on ? "1" : null);
     write(this.lamp, `${on ? "●" : "○"} ${app.points.get(this.output)?.address ?? ""} ${on ? t("manual.held") : ""}`);
+    write(this.blocked, view.jog.output === this.output ? sentence(localized(view.jog.why)) : "");
     const activeSwitches = this.switches.filter((tag) => active(view, tag) === true);
     write(this.feedback, list(activeSwitches.map((tag) => t(`point.${tag.replace(`${this.side}.`, "")}`))));
   }

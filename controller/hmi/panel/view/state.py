@@ -13,6 +13,7 @@ from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders.jog import Jogging
 from controller.hmi.panel.orders.session import obstacle_text
+from controller.hmi.panel.view.jogs import jog_obstacle
 from controller.program.machine import Transplanter
 from controller.program.operator.next_press import press_text, refused_press_text
 from controller.program.operator.refusals import Refusal
@@ -70,7 +71,7 @@ class ViewBuilder:
             "commands": dict(self._commands()),
             "set_points": {name: self._read(getattr(self._tags.sp, name)) for name in self._tags.sp.names()},
             "telemetry": {} if telemetry is None else telemetry.values,
-            "jog": {"output": self._jogging.output},
+            "jog": self._jog(),
         }
 
     def _read(self, device: Bit | Word) -> int:
@@ -112,6 +113,13 @@ class ViewBuilder:
             "rows_left": self._read(machine.rows_left),
             "time_ms": self._mirror.long(status.R_TIME_MS),
         }
+
+    def _jog(self) -> Json:
+        """Return the output that is jogged, and why it stays off or moves nothing."""
+        output, why = self._jogging.output, None
+        if output is not None and self._read(self._tags.machine.jog):
+            why = jog_obstacle(self._machine, self._mirror.memory, output)
+        return {"output": output, "why": None if why is None else in_both(why)}
 
     def _refusal(self) -> Json | None:
         machine = self._tags.machine

@@ -21,6 +21,7 @@ from controller.hmi.panel.web import app
 from controller.io.pace import FLAT_OUT, PAUSED
 from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.states import Mode, State
+from controller.program.texts.interlocks import RULES
 from controller.program.texts.operator import CANNOT, MODES, STATES
 from plant_sim.crop.seedling import Location
 from tests.controller.hmi.panel.panel_page_rig import PASSWORDS, SCAN_MS, LiveMachine, PanelProcess
@@ -144,8 +145,8 @@ class Screen:
         self.find("dialog [data-action=submit]").click()
         expect(self.find("dialog[open]")).to_have_count(0, timeout=TIMEOUT_MS)
 
-    def find(self, selector: str) -> Locator:
-        return self.page.locator(selector)
+    def find(self, selector: str, *, has: Locator | None = None) -> Locator:
+        return self.page.locator(selector, has=has)
 
     def open(self, page: str) -> None:
         self.find(f"[role=tab][data-page={page}]").click()
@@ -364,6 +365,20 @@ def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> No
             live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on by {key}")
             screen.page.keyboard.up(key)
             live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off after {key}")
+
+
+def test_a_held_button_tells_why_its_output_stays_off(manual: Station, browser: Browser) -> None:
+    with Screen(browser, manual.panel.url, "maintain") as screen:
+        ready_to_jog(screen, manual.live)
+        jog = screen.find(".jog", has=screen.find("[data-jog='left.slide_inward']"))
+        reason = jog.locator("[role=alert]")
+        expect(reason).to_be_empty()
+        jog.locator("button").hover()
+        screen.page.mouse.down()
+        expect(reason).to_have_text(RULES["inward ready"].en.capitalize())
+        assert not manual.live.on("left.slide_inward")
+        screen.page.mouse.up()
+        expect(reason).to_be_empty()
 
 
 @pytest.mark.parametrize("loss", first_of(["panel frozen", "page closed", "panel killed"]))

@@ -1,0 +1,44 @@
+"""Reason why the output that is jogged does not come on, or moves nothing."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from controller.core.devices import Memory
+from controller.core.expr import evaluate
+from controller.program.machine import Transplanter
+from controller.program.tags import SIDES, Side, Tags
+from controller.program.texts.interlocks import AT_END, RULES
+from controller.program.texts.operator import Text
+
+_LAST: Final = {
+    "lift_extend": "sensed_down",
+    "lift_retract": "sensed_up",
+    "slide_outward": "sensed_at_feed",
+    "spread": "sensed_spread",
+    "converge": "sensed_converged",
+}
+"""Condition that the device is at the end to which an output drives it, as attribute of the arm's tags."""
+
+
+def jog_obstacle(machine: Transplanter, memory: Memory, output: str) -> Text | None:
+    """Return why a jogged output stays off, or drives nothing; None if the device moves, or the claws swing.
+
+    Args:
+        machine: Program and its tags.
+        memory: Devices after a scan in which the output was requested.
+        output: Tag of the output.
+    """
+    side, _, name = output.rpartition(".")
+    rules = machine.rule_groups.get(side or "tray", [])
+    for rule in rules:
+        if name in rule.outputs and not evaluate(rule.allow, memory):
+            return RULES[rule.name]
+    if side in SIDES and _is_at_end(machine.tags, side, name, memory):
+        return AT_END
+    return None
+
+
+def _is_at_end(tags: Tags, side: Side, name: str, memory: Memory) -> bool:
+    attribute = _LAST.get(name)
+    return attribute is not None and evaluate(getattr(tags.arms[side], attribute), memory)

@@ -1,0 +1,116 @@
+"""Reasons shown for a jogged output that stays off or moves nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from controller.core.devices import Memory
+from controller.core.expr import Bit, evaluate, leaves
+from controller.hmi.panel.view.jogs import jog_obstacle
+from controller.program.interlocks import Rule
+from controller.program.operator.commands import JOGGED
+from controller.program.states import Mode, State
+from controller.program.texts.interlocks import AT_END, RULES
+from plant_sim.twin.lock_step import Twin
+from tests.controller.hmi.panel.panel_rig import PanelRig
+from tests.controller.hmi.panel.test_chinese import latin_words, punctuation_errors
+from tests.controller.hmi.panel.test_jog import jog
+from tests.controller.program.interlock_scene import MACHINE
+from tests.plant_sim.twin.twin_rig import switched_on
+
+AT_FEED = {
+    "lift_extend": RULES["load down only when spread"],
+    "lift_retract": AT_END,
+    "slide_inward": RULES["inward ready"],
+    "slide_outward": AT_END,
+    "converge": RULES["converge only when empty at feed"],
+    "spread": None,
+    "claws_close": None,
+    "claws_open": RULES["release load only at cups or row"],
+    "tray_run": None,
+}
+"""Reason for each output of arms that are up at the feed position and count as loaded, as after the first power-up."""
+
+
+def rules_of(output: str) -> list[Rule]:
+    """Return the rules of an output."""
+    side, _, name = output.rpartition(".")
+    return [rule for rule in MACHINE.rule_groups[side or "tray"] if name in rule.outputs]
+
+
+def test_every_rule_has_a_reason_in_both_languages() -> None:
+    names = {rule.name for rules in MACHINE.rule_groups.values() for rule in rules}
+    assert names == set(RULES)
+    for text in (*RULES.values(), AT_END):
+        assert text.en.isascii()
+        assert latin_words(text.zh) == []
+        assert punctuation_errors(text.zh) == []
+
+
+def scenes(seed: int, count: int) -> Iterator[Memory]:
+    """Yield memories with random values of every bit that an interlock reads, most of which allow motion."""
+    random = Random(seed)
+    read = {device for rules in MACHINE.rule_groups.values() for rule in rules for device in leaves(rule.allow)}
+    for _ in range(count):
+        memory = Memory()
+        for device in sorted(read, key=str):
+            if isinstance(device, Bit):
+                memory.bits(device.kind)[device.number] = random.random() < 0.5
+            else:
+                memory.set_word(device.kind, device.number, random.randrange(4))
+        yield memory
+
+
+@pytest.mark.parametrize("output", JOGGED)
+def test_the_reason_is_that_of_the_first_rule_that_blocks(output: str) -> None:
+    """Each rule of the output is the reason in some situation, and no reason is given for an output that may be on."""
+    rules, given = rules_of(output), set()
+    for memory in scenes(1, 4_000):
+        blocking = [rule.name for rule in rules if not evaluate(rule.allow, memory)]
+        reason = jog_obstacle(MACHINE, memory, output)
+        if blocking:
+            assert reason == RULES[blocking[0]]
+            given.add(blocking[0])
+        else:
+            assert reason in (None, AT_END)
+    assert {"motion allowed", *given} == {*given}
+    assert len(given) >= min(4, len(rules))
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[PanelRig]:
+    with PanelRig(tmp_path, homed_in_manual_mode()) as rig:
+        yield rig
+
+
+def homed_in_manual_mode() -> Twin:
+    """Return a machine in manual mode that has been homed before, so that all places are confirmed."""
+    twin = switched_on()
+    twin.home()
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=10_000)
+    twin.run_for(300)
+    twin.command(f"mode_{Mode.MANUAL.name.lower()}")
+    twin.home()
+    twin.start()
+    return twin
+
+
+@pytest.mark.parametrize("output", [output for output in JOGGED if not output.startswith("right.")])
+def test_a_held_jog_moves_its_device_or_tells_why_not(rig: PanelRig, output: str) -> None:
+    """Of a homed machine in manual mode; the reason ends with the jog."""
+    with rig.browser("maintain") as browser:
+        seen = []
+        for _ in range(4):
+            assert jog(browser, output)["ok"] is True
+            rig.for_scans(10)
+            seen.append(browser.until(lambda view: view["jog"]["output"] == output)["jog"]["why"])
+        browser.order(type="jog", output=output, hold=False)
+        ended = browser.until(lambda view: view["jog"]["output"] is None)
+    expected = AT_FEED[output.rpartition(".")[2]]
+    assert seen[-1] == (None if expected is None else {"en": expected.en, "zh": expected.zh})
+    assert ended["jog"]["why"] is None
