@@ -1,7 +1,7 @@
 // Line chart on a canvas: several series over one time axis, resizable, with a crosshair readout.
 
 import { make, refill, write } from "./dom.js";
-import { labelled, list, unitText } from "./texts.js";
+import { fixed, labelled, list, unitText } from "./texts.js";
 
 const HEIGHT = 150;
 const LEFT = 46;
@@ -114,7 +114,7 @@ export class LineChart {
       pen.fillStyle = COLOURS[n % COLOURS.length];
       pen.fillRect(x(this.times[index]) - 3, y(values[index]) - 3, 6, 6);
     });
-    const read = this.series.map((one, n) => `${one.label} ${this.values[n][index]?.toFixed(1) ?? "–"}`);
+    const read = this.series.map((one, n) => `${one.label} ${reading(this.values[n][index])}`);
     write(this.reading, labelled(this.axis(this.times[index], this.range), `${list(read)} ${unitText(this.unit)}`));
   }
 
@@ -153,5 +153,9 @@ function niceStep(rough) {
 }
 
 function digits(value, grain) {
-  return value.toFixed(Math.max(0, -Math.floor(Math.log10(grain) + 1e-9)));
+  return fixed(value, Math.max(0, -Math.floor(Math.log10(grain) + 1e-9)));
+}
+
+function reading(value) {
+  return value === null || value === undefined ? "–" : fixed(value, 1);
 }

@@ -8,7 +8,7 @@ import { Mimic } from "./mimic.js";
 import { RowStrips } from "./row.js";
 import { make, mark } from "./dom.js";
 import { Facts, commandButton, section } from "./parts.js";
-import { labelled, list, named, note, seconds, t } from "./texts.js";
+import { fixed, labelled, list, named, note, seconds, t } from "./texts.js";
 
 const SIDES = ["left", "right"];
 const CLAMP_HIGHEST_N = 40;
@@ -104,7 +104,8 @@ class ArmCard {
     this.bars.cups.update(facts.cup_count, String(facts.cup_count));
     const clamp = measured(view, `${this.side}.clamp_n`);
     this.clamp.node.hidden = clamp === null;
-    this.clamp.update(clamp, clamp === null ? "" : `${clamp.toFixed(1)} N`);
+    const force = Math.max(0, clamp); // the opening force clamps nothing
+    this.clamp.update(force, clamp === null ? "" : `${fixed(force, 1)} N`);
     const step = activeStep(view, this.steps);
     this.facts.write("step", step === null ? t("none") : `${step.s} ${named(`step.${step.title}`, step.title)}`);
     this.facts.write("row", facts.row ?? "–");
@@ -123,7 +124,7 @@ const ARROWS = { commanded: "▸", moving: "⇄", confirmed: "✓", fault: "✕"
 function words({ place, towards, look }, value, unit) {
   const where = t(`place.${place ?? towards ?? "between"}`);
   const arrow = place === null && towards !== null ? "→ " : "";
-  const measuredText = value === null ? [] : [`${value.toFixed(1)} ${unit}`];
+  const measuredText = value === null ? [] : [`${fixed(value, 1)} ${unit}`];
   const position = `${ARROWS[look]} ${arrow}${where}`;
   if (look === "remembered") return list([note(position, t("look.remembered")), ...measuredText]);
   return labelled(position, list([t(`look.${look}`), ...measuredText]));

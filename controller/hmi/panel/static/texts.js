@@ -89,6 +89,11 @@ export function wallClock(utcMs) {
   return new Date(utcMs).toLocaleString(selected === "zh" ? "zh-CN" : "en-GB");
 }
 
+/** Return a number with a fixed number of decimals; a value that rounds to zero has no sign. */
+export function fixed(value, decimals) {
+  return (Number(value.toFixed(decimals)) || 0).toFixed(decimals);
+}
+
 /** Return ms as seconds with one decimal and the unit, or a dash if there is no value. */
 export function seconds(ms) {
   return ms ? `${(ms / 1000).toFixed(1)} ${unitText("s")}` : "–";

@@ -664,6 +664,14 @@ def test_every_page_fits_with_named_controls_of_touch_size(screen: Screen, width
         assert nameless == []
 
 
+def test_numbers_that_round_to_zero_have_no_sign(screen: Screen) -> None:
+    numbers = [(-0.04, 1), (-0.05, 1), (0, 0), (-0.4, 0), (-7.84, 1), (1.25, 1)]
+    script = (
+        "async (all) => { const { fixed } = await import('/static/texts.js'); return all.map((one) => fixed(...one)); }"
+    )
+    assert screen.page.evaluate(script, numbers) == ["0.0", "-0.1", "0", "0", "-7.8", "1.3"]
+
+
 def test_state_mode_and_alarm_stay_in_view_on_a_small_screen(screen: Screen) -> None:
     """At the end of every page as at its beginning; they take less than a quarter of the height."""
     screen.page.set_viewport_size({"width": 480, "height": 600})
