@@ -6,6 +6,7 @@ import { t } from "./texts.js";
 
 const RENEW_MS = 100;
 const MIN_PRESS_MS = 300;
+const ASK_MS = 5000;
 
 /** Button for one order. While the order is unavailable, the button stays focusable; pressing it shows the reason. */
 export class OrderButton {
@@ -13,16 +14,18 @@ export class OrderButton {
    * @param label label of the button
    * @param message order to send, or a function that returns it
    * @param options level: required access level; command: command that must be available; data: attributes;
-   *   why: true to show the reason below the button
+   *   why: true to show the reason below the button; ask: question that a second press must confirm
    */
-  constructor(label, message, { level = "operate", command = null, data = {}, why = false, kind = "" } = {}) {
+  constructor(label, message, { level = "operate", command = null, data = {}, why = false, kind = "", ask = null } = {}) {
     this.level = level;
     this.command = command;
     this.message = message;
     this.why = t("why.stale"); // until the first view
     this.button = make("button", { type: "button", class: `order ${kind}`, ...data, on: { click: () => this.press() } });
     mark(this.button, "aria-disabled", "true");
-    this.button.append(make("span", { text: label }));
+    this.label = make("span", { text: label });
+    this.button.append(this.label);
+    this.first = ask === null ? null : new Question(this.button, this.label, label, ask);
     this.reason = why ? make("p", { class: "why" }) : null;
     this.node = why ? make("div", { class: "order-with-why" }, this.button, this.reason) : this.button;
   }
@@ -40,7 +43,38 @@ export class OrderButton {
       refuse(this.why);
       return;
     }
+    if (this.first?.isOpen() === false) {
+      this.first.open();
+      return;
+    }
+    this.first?.close();
     void order(typeof this.message === "function" ? this.message() : this.message);
+  }
+}
+
+/** Question in place of the label of a button; it ends when the button loses the focus, and after some seconds. */
+class Question {
+  constructor(button, node, label, question) {
+    Object.assign(this, { button, node, label, question, end: null });
+    button.addEventListener("blur", () => this.close());
+  }
+
+  isOpen() {
+    return this.end !== null;
+  }
+
+  open() {
+    write(this.node, this.question);
+    mark(this.button, "data-asks", "1");
+    this.button.focus();
+    this.end = window.setTimeout(() => this.close(), ASK_MS);
+  }
+
+  close() {
+    window.clearTimeout(this.end);
+    this.end = null;
+    write(this.node, this.label);
+    mark(this.button, "data-asks", null);
   }
 }
 

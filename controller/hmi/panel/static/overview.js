@@ -12,6 +12,8 @@ import { fixed, labelled, list, named, note, seconds, t } from "./texts.js";
 
 const SIDES = ["left", "right"];
 const CLAMP_HIGHEST_N = 40;
+const HALTS = ["stop", "hold", "abort"]; // never asked about, and apart from the others
+const ASKED = new Set(["count_reset"]);
 const EXCLUDED_GROUPS = new Set(["jog", "answer", "discard", "mode", "rows", "service"]);
 
 export class OverviewPage {
@@ -21,16 +23,20 @@ export class OverviewPage {
     this.mimic = new Mimic(geometry);
     this.rows = new RowStrips(SIDES);
     this.arms = Object.fromEntries(SIDES.map((side) => [side, new ArmCard(side, geometry)]));
-    this.commands = app.describe.commands
-      .filter((command) => !EXCLUDED_GROUPS.has(command.group))
-      .map((command) => commandButton(command));
+    const commands = app.describe.commands.filter((command) => !EXCLUDED_GROUPS.has(command.group));
+    this.halts = HALTS.map((name) => commandButton(commands.find((command) => command.name === name)));
+    this.others = commands.filter((command) => !HALTS.includes(command.name))
+      .map((command) => commandButton(command, ASKED.has(command.name) ? { ask: t("ask", { label: t(`command.${command.name}`) }) } : {}));
+    this.commands = [...this.halts, ...this.others];
     this.modes = new ModeChoice();
     this.production = new Production();
     this.box = new BoxPanel();
     this.node = make("div", { class: "overview" },
       make("div", { class: "picture" }, this.mimic.node, this.rows.node),
       make("div", { class: "side" },
-        section("commands", make("div", { class: "orders" }, ...this.commands.map((button) => button.node))),
+        section("commands", make("div", { class: "orders halts" }, ...this.halts.map((button) => button.node)),
+          make("p", { class: "why", text: t("hold.about") }),
+          make("div", { class: "orders" }, ...this.others.map((button) => button.node))),
         this.modes.node,
         this.production.node,
         this.box.node),

@@ -108,6 +108,11 @@ _OVERVIEW: Final = {
     "planted.6": Text("Lost carrying", "携苗丢失"),
     "planted.7": Text("Lost throwing", "投苗丢失"),
     "commands": Text("Commands", "命令"),
+    "hold.about": Text(
+        "Hold: the arms finish to the feed position, then wait. It is not an emergency stop.",
+        "保持：两臂动作到投苗位后等待，不是急停。",
+    ),
+    "ask": Text("{label}? Press again", "{label}？再按一次"),
     "modes": Text("Mode", "模式"),
     "production": Text("Production", "生产"),
     "trays": Text("Trays completed", "已完成苗盘"),

@@ -664,6 +664,32 @@ def test_every_page_fits_with_named_controls_of_touch_size(screen: Screen, width
         assert nameless == []
 
 
+def test_commands_that_halt_stand_apart_and_are_not_asked_about(stopped: Station, screen: Screen) -> None:
+    names = screen.page.evaluate(
+        "() => [...document.querySelectorAll('.halts button')].map((one) => one.dataset.command)"
+    )
+    assert names == ["stop", "hold", "abort"]
+    screen.press("[data-command=abort]")
+    stopped.live.until_state(State.ABORTED)
+    clear(screen, stopped.live)
+
+
+def test_resetting_the_counters_is_asked_about(stopped: Station, screen: Screen) -> None:
+    """The first press changes the label only, and leaving the button takes it back."""
+    live, button = stopped.live, screen.find("[data-command=count_reset]")
+    done = live.machine.tags.machine.trays_done
+    live.runtime.plc.write(done, 3)
+    button.click()
+    expect(button).to_have_text("Reset counters? Press again")
+    screen.find("[data-command=clear]").focus()
+    expect(button).to_have_text("Reset counters")
+    button.click()
+    assert live.runtime.plc.read(done) == 3
+    button.click()
+    live.until(lambda: live.runtime.plc.read(done) == 0, "counters reset")
+    expect(button).to_have_text("Reset counters")
+
+
 def test_numbers_that_round_to_zero_have_no_sign(screen: Screen) -> None:
     numbers = [(-0.04, 1), (-0.05, 1), (0, 0), (-0.4, 0), (-7.84, 1), (1.25, 1)]
     script = (
