@@ -16,6 +16,8 @@ import { releaseAll } from "./controls.js";
 import { make, mark, refill, write } from "./dom.js";
 import { chooseLanguage, language, localized, sentence, t, useTexts } from "./texts.js";
 
+const EXECUTE = 6;
+const MANUAL = 3;
 const PAGES = { overview: OverviewPage, alarms: AlarmsPage, trends: TrendsPage, cycle: CyclePage, steps: StepsPage,
   io: IoPage, manual: ManualPage, recovery: RecoveryPage, parameters: ParametersPage };
 const LANGUAGES = { en: "English", zh: "中文" };
@@ -131,7 +133,7 @@ class PanelFrame {
   }
 
   #machine(machine) {
-    write(this.state, `${symbolOf(machine.state)} ${localized(app.describe.states[machine.state])}`);
+    write(this.state, stateText(machine));
     write(this.reason, sentence(localized(app.describe.reasons[machine.reason])));
     write(this.mode, sentence(localized(app.describe.modes[machine.mode])));
     mark(this.state, "data-state", machine.state);
@@ -158,6 +160,12 @@ class PanelFrame {
     app.link.close();
     void start(this);
   }
+}
+
+/** Return the state with its symbol; in manual mode, Execute moves nothing by itself. */
+function stateText({ state, mode }) {
+  if (state === EXECUTE && mode === MANUAL) return `❚❚ ${t("state.jogging")}`;
+  return `${symbolOf(state)} ${localized(app.describe.states[state])}`;
 }
 
 /** Return a symbol that distinguishes stopped, running, waiting and aborted states without colour. */

@@ -42,6 +42,7 @@ _FRAME: Final = {
     "state": Text("State", "状态"),
     "mode": Text("Mode", "模式"),
     "reason": Text("Reason", "原因"),
+    "state.jogging": Text("Ready to jog", "可点动"),
     "left": Text("Left arm", "左臂"),
     "right": Text("Right arm", "右臂"),
     "none": Text("None", "无"),

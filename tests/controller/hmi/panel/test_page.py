@@ -370,6 +370,7 @@ def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> No
 def test_a_held_button_tells_why_its_output_stays_off(manual: Station, browser: Browser) -> None:
     with Screen(browser, manual.panel.url, "maintain") as screen:
         ready_to_jog(screen, manual.live)
+        expect(screen.find("header [data-fact=state]")).to_have_text("❚❚ Ready to jog")
         jog = screen.find(".jog", has=screen.find("[data-jog='left.slide_inward']"))
         reason = jog.locator("[role=alert]")
         expect(reason).to_be_empty()
