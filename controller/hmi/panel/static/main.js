@@ -50,6 +50,7 @@ class PanelFrame {
     this.state = make("strong", { class: "state", "data-fact": "state" });
     this.reason = make("span", { class: "state-reason", "data-fact": "reason" });
     this.mode = make("span", { class: "mode", "data-fact": "mode" });
+    this.next = make("span", { class: "next-press", "data-fact": "next-press" });
     this.linkLamp = make("span", { class: "link-lamp", "data-fact": "link" });
     this.stale = make("p", { class: "strip stale", role: "alert", "data-part": "stale" });
     this.paused = make("p", { class: "strip paused", role: "status", "data-part": "paused" });
@@ -60,7 +61,7 @@ class PanelFrame {
     this.tabs = Object.keys(PAGES).map((name) => this.#tab(name));
     this.main = make("main", { id: "page", role: "tabpanel" });
     refill(document.getElementById("panel"), this.#header(),
-      make("div", { class: "always" }, make("header", { class: "machine" }, this.state, this.reason, this.mode),
+      make("div", { class: "always" }, make("header", { class: "machine" }, this.state, this.reason, this.mode, this.next),
         this.stale, this.paused, this.field, this.forced, this.banner.node),
       make("div", { class: "tabs", role: "tablist", "aria-label": t("tabs"), on: { keydown: (event) => this.#selectByKey(event) } }, ...this.tabs),
       this.main, this.noticeLine);
@@ -137,6 +138,8 @@ class PanelFrame {
     write(this.reason, sentence(localized(app.describe.reasons[machine.reason])));
     write(this.mode, sentence(localized(app.describe.modes[machine.mode])));
     mark(this.state, "data-state", machine.state);
+    write(this.next, `→ ${sentence(localized(machine.next))}`);
+    this.next.hidden = machine.next_press === 0;
   }
 
   #strip(node, text) {

@@ -110,6 +110,7 @@ class ViewBuilder:
             "refusals": self._read(machine.refusals),
             "refusal": self._refusal(),
             "next": in_both(press_text(self._read(machine.next_press), self._read(machine.mode))),
+            "next_press": self._read(machine.next_press),
             "rows_left": self._read(machine.rows_left),
             "time_ms": self._mirror.long(status.R_TIME_MS),
         }

@@ -20,9 +20,10 @@ from controller.hmi.panel.view import texts
 from controller.hmi.panel.web import app
 from controller.io.pace import FLAT_OUT, PAUSED
 from controller.program.operator.commands import JOG_LEASE_MS
+from controller.program.operator.next_press import NextPress
 from controller.program.states import Mode, State
 from controller.program.texts.interlocks import RULES
-from controller.program.texts.operator import CANNOT, MODES, STATES
+from controller.program.texts.operator import CANNOT, MODES, NEXT_PRESSES, STATES
 from plant_sim.crop.seedling import Location
 from tests.controller.hmi.panel.panel_page_rig import PASSWORDS, SCAN_MS, LiveMachine, PanelProcess
 from tests.controller.hmi.panel.test_chinese import CHINESE, latin_words, punctuation_errors
@@ -320,6 +321,10 @@ def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station
     screen.press("[data-box=emergency_stop]")
     expect(screen.find(".notice")).to_have_text("✓ Emergency stop X25 pressed")
     live.until_state(State.ABORTED)
+    following = screen.find("header [data-fact=next-press]")
+    expect(following).to_have_text(
+        f"→ {NEXT_PRESSES[NextPress.RELEASE_EMERGENCY_STOP].en.capitalize()}", ignore_case=True
+    )
     banner = screen.find("[data-part=banner]")
     for page in PAGES:
         screen.open(page)
@@ -705,7 +710,7 @@ def test_state_mode_and_alarm_stay_in_view_on_a_small_screen(screen: Screen) -> 
     for page in PAGES:
         screen.open(page)
         screen.page.evaluate("() => window.scrollTo(0, document.documentElement.scrollHeight)")
-        for fact in ("[data-fact=state]", "[data-fact=mode]", "[data-part=banner]"):
+        for fact in ("[data-fact=state]", "[data-fact=mode]", "[data-fact=next-press]", "[data-part=banner]"):
             expect(screen.find(f".always {fact}")).to_be_in_viewport(ratio=1)
         height = screen.page.evaluate("() => document.querySelector('.always').getBoundingClientRect().height")
         assert height < 150, page
