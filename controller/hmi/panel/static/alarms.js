@@ -110,7 +110,8 @@ export class AlarmsPage {
       this.rows = rows.map((row) => new AlarmListItem(row));
       refill(this.list, ...(rows.length ? this.rows.map((row) => row.node) : [make("li", { text: t("alarms.none") })]));
     }
-    this.all.update();
+    const open = rows.some((row) => UNACKNOWLEDGED.has(stateOf(row.state)));
+    this.all.update(open ? null : t("alarms.nothing"));
     this.rows.forEach((row) => row.update(view));
   }
 }

@@ -194,6 +194,7 @@ _ALARMS: Final = {
     "alarms.shelved_for": Text("Shelved for {left} more", "剩余搁置时间 {left}"),
     "alarms.check": Text("Check", "检查"),
     "alarms.acknowledge": Text("Acknowledge", "确认"),
+    "alarms.nothing": Text("No alarm to acknowledge", "没有待确认的报警"),
     "alarms.acknowledge_all": Text("Acknowledge all", "全部确认"),
     "alarms.shelve": Text("Shelve", "搁置"),
     "alarms.unshelve": Text("Unshelve", "取消搁置"),

@@ -696,6 +696,14 @@ def test_resetting_the_counters_is_asked_about(stopped: Station, screen: Screen)
     expect(button).to_have_text("Reset counters")
 
 
+def test_acknowledging_is_available_only_with_an_alarm_to_acknowledge(screen: Screen) -> None:
+    screen.open("alarms")
+    button = screen.find("[data-command=acknowledge_all]")
+    expect(button).to_have_attribute("aria-disabled", "true")
+    press_unavailable(button)
+    expect(screen.find(".notice")).to_have_text("✕ No alarm to acknowledge")
+
+
 def test_numbers_that_round_to_zero_have_no_sign(screen: Screen) -> None:
     numbers = [(-0.04, 1), (-0.05, 1), (0, 0), (-0.4, 0), (-7.84, 1), (1.25, 1)]
     script = (
