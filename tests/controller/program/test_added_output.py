@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from threading import Event
 
 import pytest
 
 from controller.common.declarations import DeclarationError
 from controller.core.expr import TRUE, Expr
+from controller.io.loop import run_simulated_time
+from controller.io.pace import FLAT_OUT, Pace
 from controller.iomap.loader import IoMap
 from controller.iomap.schema import OUTPUT
 from controller.program import interlocks, machine
@@ -92,7 +95,22 @@ def test_a_requested_output_is_off_in_emergency_stop_link_loss_and_power_up(
     assert on(twin)
     pull_the_cable(twin, 500)
     assert not on(twin)
-    assert not io_map.safe_outputs()[io_map[TAG].number], "written on exit"
+
+
+def test_a_requested_output_is_off_at_the_terminal_after_the_exit_of_the_loop(
+    io_map: IoMap, always_wanted: Callable[..., Transplanter]
+) -> None:
+    """The loop of the process writes the safe outputs when it is stopped."""
+    twin = Twin(io_map=io_map, machine=always_wanted())
+    twin.home()
+    twin.start()
+    twin.run_for(500)
+    number = io_map[TAG].number
+    assert twin.module.outputs[number]
+    stop = Event()
+    stop.set()
+    assert run_simulated_time(twin.runtime, Pace(FLAT_OUT), scan_ms=10, stop=stop).outputs_safe
+    assert not twin.module.outputs[number]
 
 
 def test_the_interlock_of_an_added_output_is_proved(always_wanted: Callable[..., Transplanter]) -> None:
