@@ -251,7 +251,7 @@ class Conveyor(View, Saved):
         if way_m == 0.0:
             return False
         self._known_m = trays_m
-        self._remove_tray()
+        self._discharge_tray()
         if way_m > 0.0:
             self._place_tray(way_m)
         self._limit_reverse()
@@ -293,14 +293,29 @@ class Conveyor(View, Saved):
                 return number
         return None
 
-    def _remove_tray(self) -> None:
+    def take_off(self, number: int) -> None:
+        """Take a tray off the belt at rest, as a person does; its seedlings remain in it.
+
+        Args:
+            number: Tray number.
+
+        Raises:
+            KeyError: The tray is not on the belt.
+        """
+        self._remove(number)
+        self.beam.detect(any(0.0 <= front_m < self._spec.tray_length_m for front_m in self.front_m.values()))
+
+    def _remove(self, number: int) -> None:
+        del self._seats_m[number]
+        self.skewed_m.pop(number, None)
+        self.state["seats_m"][self._seat_of.pop(number)] = _ABSENT_M
+
+    def _discharge_tray(self) -> None:
         foremost = next(iter(self._seats_m), None)
         if foremost is None:
             return
         if self._seats_m[foremost] + self._known_m - self._spec.tray_length_m > self._spec.outlet_past_beam_m:
-            del self._seats_m[foremost]
-            self.skewed_m.pop(foremost, None)
-            self.state["seats_m"][self._seat_of.pop(foremost)] = _ABSENT_M
+            self._remove(foremost)
 
     def _place_tray(self, way_m: float) -> None:
         """Place a tray from the magazine if one is left and there is room; `way_m` is the latest belt travel."""

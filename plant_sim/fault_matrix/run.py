@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from controller.program.states import State
 from controller.program.tags import SIDES
 from plant_sim.crop.seedling import CELLS_ALONG, SeedlingCounts
 from plant_sim.fault_matrix.first_signal import FirstSignal, Signal
+from plant_sim.fault_matrix.following import Followed, follow
 from plant_sim.faults import FAULTS, Fault
 from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
 from plant_sim.twin.lock_step import NotReachedError, Twin, TwinSnapshot
@@ -48,6 +49,8 @@ class Outcome:
         in_doubt: Number of seedlings in the rows and trays affected by the questions.
         away: Arms that had no alarm and were not at feed when the machine was Held.
         rounds: Number of recoveries by the operator.
+        followed: For each stop, the presses of an operator who follows the line that says what to do now, first
+            without, then with an isolation of the machine before the repair.
         counts: Final location of the seedlings.
         lost: Seedlings lost or left behind in excess of those in an undisturbed run.
         passed: True if a tray passed through the machine undetected, and the operator ended the trial without it.
@@ -64,6 +67,7 @@ class Outcome:
     in_doubt: int = 0
     away: list[str] = field(default_factory=list)
     rounds: int = 0
+    followed: list[Followed] = field(default_factory=list)
     passed: bool = False
     reason: str = ""
 
@@ -252,8 +256,8 @@ def recover(twin: Twin, outcome: Outcome) -> None:
         outcome.away += away_from_feed(twin)
     twin.run_for(OBSERVATION_MS)
     _note_questions(twin, outcome)
-    if any(fault.name == outcome.fault.name for fault in twin.plant.faults.active):
-        repair(twin, outcome.fault)
+    outcome.followed += [follow(twin, partial(_mend, twin, outcome), isolated=each) for each in (False, True)]
+    _mend(twin, outcome)
     if twin.state is State.SUSPENDED:
         conveyor = twin.plant.conveyor
         if not conveyor.front_m and not conveyor.in_magazine:
@@ -271,6 +275,11 @@ def recover(twin: Twin, outcome: Outcome) -> None:
     for question in home_again(twin):
         _note(twin, outcome, question)
     twin.start()
+
+
+def _mend(twin: Twin, outcome: Outcome) -> None:
+    if any(fault.name == outcome.fault.name for fault in twin.plant.faults.active):
+        repair(twin, outcome.fault)
 
 
 def away_from_feed(twin: Twin) -> list[str]:
