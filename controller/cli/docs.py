@@ -15,7 +15,7 @@ from controller.core.sequence import Step
 from controller.fx.language.instruction_set import FORMS, KINDS
 from controller.fx.language.special_devices import PROVIDED
 from controller.io.durability import MEANINGS, Durability, durability
-from controller.program.alarms import Alarm, Severity
+from controller.program.alarms.table import Alarm, Severity
 from controller.program.machine import Transplanter
 from controller.program.operator.refusals import Refusal
 from controller.program.requirements.proof import specification

@@ -15,7 +15,7 @@ from typing import Final
 
 from controller.core.expr import Word, evaluate
 from controller.core.scan import Plc
-from controller.program.alarms import Alarm
+from controller.program.alarms.table import Alarm
 from controller.program.texts.alarms import ALARM_REFUSALS, ALARM_STATES
 from controller.program.texts.operator import Language, Text
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from controller.core.expr import Expr
 from controller.core.rungs import Mov, Rst, Set
 from controller.events.alarm_list import AlarmChange, AlarmList, AlarmRow, AlarmState
-from controller.program.alarms import Alarm, Severity
+from controller.program.alarms.table import Alarm, Severity
 from controller.program.texts.alarms import ALARMS
 from tests.controller.core.core_rig import Rig, d, s, x
 

@@ -10,7 +10,7 @@ import pytest
 from controller.core.sequence import Step
 from controller.events.alarm_list import AlarmState
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.alarms import Alarm
+from controller.program.alarms.table import Alarm
 from controller.program.machine import build
 from controller.program.tags import SIDES
 from controller.program.texts.alarms import ALARM_REFUSALS, ALARM_STATES
