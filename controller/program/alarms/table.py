@@ -17,9 +17,9 @@ from controller.common.declarations import DeclarationError, Declared
 from controller.core.devices import ANNUNCIATORS
 from controller.core.expr import Bit, Expr
 from controller.program.tags import IN_PLACE, SIDES, Side, Tags
-from controller.program.texts.alarms import ALARMS
+from controller.program.texts.alarms.help import AlarmText
+from controller.program.texts.alarms.messages import ALARMS
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
-from controller.program.texts.operator import AlarmText
 
 _ARM_ALARM_NUMBERS: Final = {
     "approach row": (908, 920),
@@ -174,7 +174,7 @@ class Annunciators:
             side: Arm to which the alarm belongs; None for the machine.
             severity: Severity of the alarm.
             stops_work: True if the alarm holds the machine. Default: True except for warnings.
-            text: Message and checks. Default: the entry of this key in `texts.alarms.ALARMS`.
+            text: Message and checks. Default: the entry of this key in `texts.alarms.messages.ALARMS`.
             cause: Condition that is true while the cause persists.
             stops_arm: True if the alarm of an arm stops it in its stroke.
 
