@@ -20,8 +20,7 @@ from controller.program.alarms.table import Alarm, Severity
 from controller.program.machine import Transplanter
 from controller.program.operator.refusals import Refusal
 from controller.program.requirements.proof import specification
-from controller.program.texts.alarms.causes import CAUSES
-from controller.program.texts.alarms.help import ISOLATE_FIRST, ISOLATION
+from controller.program.texts.alarms.help import ISOLATE_FIRST, ISOLATION, Cause
 from controller.program.texts.alarms.locations import LOCATIONS
 from controller.program.texts.operator import MODES, NEXT_PRESSES, REFUSALS, Text
 
@@ -125,18 +124,18 @@ def alarm_table(machine: Transplanter) -> str:
 
 def _alarm_help(machine: Transplanter) -> str:
     """Return meaning, causes and checks; alarms with the same help share a section."""
-    sections: dict[tuple[Text, tuple[str, ...]], list[Alarm]] = {}
+    sections: dict[tuple[Text, tuple[str | Cause, ...]], list[Alarm]] = {}
     for alarm in machine.alarms:
         sections.setdefault((alarm.text.meaning, alarm.text.causes), []).append(alarm)
     parts = [
         "## Help\n\nThe causes are listed in the order in which to look. The parts are those of the "
         "[picture of the machine](../machine.svg).\n"
     ]
-    for (meaning, keys), alarms in sections.items():
+    for (meaning, _), alarms in sections.items():
         by_alarm = [likely_causes(alarm, machine.io_map) for alarm in alarms]
         rows = []
-        for number, key in enumerate(keys):
-            cause = CAUSES[key]
+        for number, likely in enumerate(by_alarm[0]):
+            cause = likely.cause
             terminals = dict.fromkeys(terminal for causes in by_alarm for _, terminal in causes[number].points)
             part = LOCATIONS[cause.location]
             checks = [cause.look] if cause.reach is None else [cause.look, cause.reach]

@@ -18,7 +18,7 @@ class LikelyCause:
     """Likely cause of an alarm on a machine.
 
     Attributes:
-        key: Key in `CAUSES`.
+        key: Key in `CAUSES`; for a cause of one alarm alone, its English name.
         cause: The cause.
         locations: Parts concerned; those of an arm with the side, for example ``left.lift``.
         points: Tag and terminal of each point concerned.
@@ -46,8 +46,8 @@ def likely_causes(alarm: Alarm, io_map: IoMap) -> list[LikelyCause]:
         for point in points
     }
     found = []
-    for key in alarm.text.causes:
-        cause = CAUSES[key]
+    for named in alarm.text.causes:
+        key, cause = (named, CAUSES[named]) if isinstance(named, str) else (named.name.en, named)
         sides = SIDES if cause.both_sides or alarm.side is None else (alarm.side,)
         tags = [tag for name in cause.points for tag in _with_sides(name, sides, of_arm=name not in terminals)]
         LOCATIONS.require([cause.location])

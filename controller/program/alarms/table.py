@@ -1,4 +1,4 @@
-"""Alarm table of the program: annunciators S900-S999 with severity, texts and causes.
+"""Alarm table of the program: annunciators S900-S999 with their texts, and the rungs of the machine alarms.
 
 S numbers are permanent because panels, logs and operators refer to them. A number is never changed or reused; a new
 alarm gets the first free number after the last one in use below S990, and a new warning gets the number after the
@@ -14,13 +14,18 @@ from enum import IntEnum
 from typing import Final
 
 from controller.common.declarations import DeclarationError, Declared
-from controller.core.devices import ANNUNCIATORS
-from controller.core.expr import Bit, Expr
-from controller.program.tags import IN_PLACE, SIDES, Side, Tags
+from controller.core.devices import ANNUNCIATORS, MS_100
+from controller.core.expr import Bit, Expr, Timer, all_of
+from controller.core.rungs import Annunciate, Rst, Rung, Set
+from controller.program.operator.buttons import stuck_rungs
+from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, Side, Tags
 from controller.program.texts.alarms.help import AlarmText
 from controller.program.texts.alarms.messages import ALARMS
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
+TRAY_LOST_MS: Final = 500
+"""Delay of the alarm for a tray at rest that is no longer detected by the front edge sensor, ms; longer than sensor
+bounce."""
 _ARM_ALARM_NUMBERS: Final = {
     "approach row": (908, 920),
     "return to row": (909, 921),
@@ -204,3 +209,38 @@ class Annunciators:
     def of_side(self, side: Side) -> list[Bit]:
         """Return the annunciators that stop one arm in its stroke."""
         return [alarm.bit for alarm in self._table if alarm.side == side and alarm.stops_arm]
+
+
+def machine_rungs(tags: Tags, alarms: Annunciators) -> list[Rung]:
+    """Return the rungs of the machine alarms; an optional input is used only if it is wired."""
+    x, system, machine, tray = tags.x, tags.system, tags.machine, tags.tray
+    rungs: list[Rung] = [
+        Set(alarms.emergency_stop, when=x.emergency_stop & ~system.link_lost),
+        Set(alarms.link_lost, when=system.link_lost),
+        Set(alarms.scan_fault, when=system.scan_fault),
+        Set(alarms.store_fault, when=system.store_fault),
+        Set(alarms.outputs_taken, when=system.outputs_taken),
+        Set(alarms.outputs_contested, when=system.outputs_contested),
+        Rst(alarms.outputs_contested, when=~system.outputs_contested),
+        Set(alarms.constants, when=machine.constants_differ),
+        Rst(alarms.constants, when=~machine.constants_differ),
+        *stuck_rungs(tags, machine.t_start, alarms.start_stuck, x.start),
+        *stuck_rungs(tags, machine.t_stop, alarms.stop_stuck, x.stop),
+        Set(alarms.panel_silent, when=system.panel_silent),
+        Rst(alarms.panel_silent, when=~system.panel_silent),
+        Set(alarms.memory_lost, when=FIRST_SCAN & system.memory_lost),
+        Set(alarms.tray_jam, when=tray.met | tray.overdue),
+        Annunciate(
+            tray.t_lost,
+            TRAY_LOST_MS,
+            alarms.tray_lost,
+            when=all_of(machine.running, ~machine.manual, tray.phase.equals(IN_PLACE), ~tray.edge),
+        ),
+    ]
+    if (reset := x.optional("reset")) is not None:
+        rungs += stuck_rungs(tags, machine.t_reset, alarms.reset_stuck, reset)
+    if (air_low := x.optional_off("air_pressure_ok")) is not None:
+        rungs.append(Annunciate(Timer(105, "air low"), 5 * MS_100, alarms.air_low, when=air_low))
+    if (magazine := x.optional("magazine_empty")) is not None:
+        rungs += [Set(alarms.magazine_empty, when=magazine), Rst(alarms.magazine_empty, when=~magazine)]
+    return rungs

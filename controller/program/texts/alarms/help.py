@@ -67,13 +67,13 @@ class AlarmText(NamedTuple):
     Attributes:
         message: Description of the event for the operator.
         meaning: What the program has found, and how the machine has reacted.
-        causes: Keys in `CAUSES` of the likely causes, in the order in which to look.
+        causes: Likely causes in the order in which to look: keys in `CAUSES`, or causes of this alarm alone.
         comment: Device comment of the annunciator in exports; empty = the English message.
     """
 
     message: Text
     meaning: Text
-    causes: tuple[str, ...]
+    causes: tuple[str | Cause, ...]
     comment: str = ""
 
     @property
