@@ -15,8 +15,8 @@ from typing import Final
 
 from controller.core.expr import Word, evaluate
 from controller.core.scan import Plc
-from controller.program.alarms import Alarm
-from controller.program.texts.alarms import ALARM_REFUSALS, ALARM_STATES
+from controller.program.alarms.table import Alarm
+from controller.program.texts.alarms.handling import ALARM_REFUSALS, ALARM_STATES
 from controller.program.texts.operator import Language, Text
 
 LONGEST_SHELF_MS: Final = 8 * 3_600_000
@@ -63,7 +63,7 @@ class AlarmRefusalError(ValueError):
     """
 
     def __init__(self, key: str, **values: object) -> None:
-        """Format the reason stored under this key in `texts.alarms.ALARM_REFUSALS`."""
+        """Format the reason stored under this key in `texts.alarms.handling.ALARM_REFUSALS`."""
         reason = ALARM_REFUSALS[key]
         self.reason = Text(reason.en.format(**values), reason.zh.format(**values))
         super().__init__(self.reason.en)

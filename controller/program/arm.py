@@ -11,7 +11,7 @@ from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
-from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
+from controller.program.alarms.limits import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
 from controller.program.cups import cup_count
 from controller.program.interlocks import in_the_way
 from controller.program.places import leaving, places

@@ -6,7 +6,7 @@ from controller.core.expr import Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, Out, Rst, Rung, Set, ZoneReset
 from controller.core.sequence import Dwell, Sequence, Step, To
-from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
+from controller.program.alarms.limits import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
 from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, TAKEN, ArmTags, Side, Tags
 
 FIRST_STEP_OFFSET = 40

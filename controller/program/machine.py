@@ -14,7 +14,10 @@ from controller.core.rungs import Out
 from controller.core.sequence import Sequence
 from controller.iomap.loader import IoMap
 from controller.program import arm, home, modes, tray
-from controller.program.alarms import Annunciators, ArmAlarms, StepLimits, alarm_block
+from controller.program.alarms.arm import ArmAlarms
+from controller.program.alarms.block import alarm_block
+from controller.program.alarms.limits import StepLimits
+from controller.program.alarms.table import Annunciators
 from controller.program.cups import plausibility
 from controller.program.interlocks import (
     Rule,

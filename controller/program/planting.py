@@ -13,7 +13,7 @@ from controller.core.expr import Expr, Word, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, OnDelay, Out, Rst, Rung, Scale, Set
 from controller.core.sequence import Sequence
-from controller.program.alarms import Annunciators
+from controller.program.alarms.table import Annunciators
 from controller.program.planting_tags import PlantingTags, PulseTags, ReadinessTags
 from controller.program.set_points import CUPS
 from controller.program.tags import FIRST_SCAN, SIDES, ArmTags, Side, Tags

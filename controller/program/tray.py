@@ -12,7 +12,8 @@ from controller.core.expr import Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Inc, Mov, OnDelay, Out, Rst, Rung, Set, ZoneReset
 from controller.core.sequence import Dwell, Sequence, Step, Timeout, To
-from controller.program.alarms import TRAY_OUT_LIMIT_MS, Annunciators
+from controller.program.alarms.limits import TRAY_OUT_LIMIT_MS
+from controller.program.alarms.table import Annunciators
 from controller.program.tags import (
     COMING,
     FIRST_SCAN,

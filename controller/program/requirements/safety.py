@@ -13,7 +13,7 @@ from controller.core.expr import FALSE, Bit, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Out, Rst, Rung, Set
 from controller.core.specification import Requirement
-from controller.program.alarms import Annunciators
+from controller.program.alarms.table import Annunciators
 from controller.program.areas import Area
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
 from controller.program.requirements.positions import PositionMonitor

@@ -21,35 +21,6 @@ class Text(NamedTuple):
         return self if side is None else Text(self.en.format(side=side.en), self.zh.format(side=side.zh))
 
 
-class AlarmText(NamedTuple):
-    """Texts of an alarm.
-
-    Attributes:
-        message: Description of the event for the operator.
-        check: Checks that help the operator find the cause.
-        comment: Device comment of the annunciator in exports; empty = the English message.
-    """
-
-    message: Text
-    check: Text
-    comment: str = ""
-
-    @property
-    def en(self) -> str:
-        """Message in English."""
-        return self.message.en
-
-    @property
-    def zh(self) -> str:
-        """Message in Chinese."""
-        return self.message.zh
-
-    def of(self, side: Text | None) -> AlarmText:
-        """Return the texts with the side name filled in."""
-        comment = Text(self.comment or self.message.en, "").of(side).en
-        return AlarmText(self.message.of(side), self.check.of(side), comment)
-
-
 SIDES: Final = {"left": Text("left", "左"), "right": Text("right", "右")}
 
 _STATES: Final = {

@@ -5,8 +5,8 @@ from __future__ import annotations
 from controller.core.expr import Expr
 from controller.core.rungs import Mov, Rst, Set
 from controller.events.alarm_list import AlarmChange, AlarmList, AlarmRow, AlarmState
-from controller.program.alarms import Alarm, Severity
-from controller.program.texts.alarms import ALARMS
+from controller.program.alarms.table import Alarm, Severity
+from controller.program.texts.alarms.messages import ALARMS
 from tests.controller.core.core_rig import Rig, d, s, x
 
 NORMAL, UNACKNOWLEDGED, ACKNOWLEDGED, RETURNED, LATCHED, LATCHED_ACKNOWLEDGED, SHELVED = AlarmState

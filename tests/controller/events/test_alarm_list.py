@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmChange, AlarmList, AlarmRefusalError, AlarmState
-from controller.program.texts.alarms import ALARMS
+from controller.program.texts.alarms.messages import ALARMS
 from tests.controller.core.core_rig import PATIENT_S, THOROUGH
 from tests.controller.events.alarm_rig import (
     ACKNOWLEDGED,

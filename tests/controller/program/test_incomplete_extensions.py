@@ -19,7 +19,7 @@ from tests.sampling import one_in
 
 PROGRAM: Final = "controller/program/"
 ARM, ALARMS, TAGS, TRAY_TAGS, RULES = (
-    f"{PROGRAM}{name}.py" for name in ("arm", "alarms", "tags", "tray_tags", "interlocks")
+    f"{PROGRAM}{name}.py" for name in ("arm", "alarms/table", "tags", "tray_tags", "interlocks")
 )
 COMMANDS, REFUSALS = (f"{PROGRAM}operator/{name}.py" for name in ("commands", "refusals"))
 STATES, SET_POINTS, SCHEMA = f"{PROGRAM}states.py", f"{PROGRAM}set_points.py", "controller/iomap/schema.py"
@@ -44,11 +44,11 @@ INCOMPLETE: Final[dict[str, tuple[list[Edit], tuple[str, ...]]]] = {
     ),
     "step with an alarm without a text": (
         [LIMIT, (ALARMS, '    "overrun": (958', '    "clamp tray": (976, 977),\n    "overrun": (958')],
-        (f"{ARM}:", f"'clamp tray' is missing in ALARMS ({TEXTS}alarms.py)"),
+        (f"{ARM}:", f"'clamp tray' is missing in ALARMS ({TEXTS}alarms/messages.py)"),
     ),
     "alarm without a text": (
         [(ALARMS, 'self.add("cups_slow",', 'self.add("clamp",')],
-        (f"{ALARMS}:", f"'clamp' is missing in ALARMS ({TEXTS}alarms.py)"),
+        (f"{ALARMS}:", f"'clamp' is missing in ALARMS ({TEXTS}alarms/messages.py)"),
     ),
     "output of an arm without a wire": (
         [(COMMANDS, '    "claws_close",\n)', '    "claws_close",\n    "tray_clamp",\n)')],

@@ -9,7 +9,7 @@ import pytest
 from controller.core.expr import Bit, leaves
 from controller.core.rungs import Mov
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.alarms import ARM_ALARM_NUMBERS, Annunciators, Severity
+from controller.program.alarms.table import ARM_ALARM_NUMBERS, Annunciators, Severity
 from controller.program.machine import build
 from controller.program.tags import Tags
 from tests.controller.program.permanent_numbers import LIST, Entry, append_new, entries_of, read_list

@@ -16,7 +16,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load
 from controller.program.machine import build
 from controller.program.states import MOVING, State
 from controller.program.tags import Tags
-from controller.program.texts.alarms import ALARMS
+from controller.program.texts.alarms.messages import ALARMS
 from controller.program.texts.operator import QUESTIONS, STATES, Text
 from plant_sim.twin.lock_step import NotReachedError, Twin
 from tests.plant_sim.twin.twin_rig import (

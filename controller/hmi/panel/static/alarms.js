@@ -3,7 +3,8 @@
 import { app, getHistory, obstacle, order, refuse } from "./app.js";
 import { OrderButton } from "./controls.js";
 import { draw, make, mark, refill, write } from "./dom.js";
-import { duration, labelled, localized, named, note, sentence, t, wallClock } from "./texts.js";
+import { AlarmHelp } from "./help.js";
+import { duration, localized, named, note, sentence, t, wallClock } from "./texts.js";
 import { differingConstants } from "./parameters.js";
 import { section } from "./parts.js";
 
@@ -92,9 +93,10 @@ export class AlarmsPage {
       data: { "data-command": "acknowledge_all" },
     });
     this.list = make("ul", { class: "alarm-list" });
-    this.journal = new Journal();
+    this.help = new AlarmHelp();
+    this.journal = new Journal(this.help);
     this.node = make("div", { class: "column" },
-      section("alarms.active", make("div", { class: "orders" }, this.all.node), this.list), this.journal.node);
+      section("alarms.active", make("div", { class: "orders" }, this.all.node), this.list), this.help.node, this.journal.node);
   }
 
   opened() {
@@ -107,7 +109,7 @@ export class AlarmsPage {
     if (key !== this.key) {
       if (this.key !== null) void this.journal.load();
       this.key = key;
-      this.rows = rows.map((row) => new AlarmListItem(row));
+      this.rows = rows.map((row) => new AlarmListItem(row, this.help));
       refill(this.list, ...(rows.length ? this.rows.map((row) => row.node) : [make("li", { text: t("alarms.none") })]));
     }
     const open = rows.some((row) => UNACKNOWLEDGED.has(stateOf(row.state)));
@@ -117,7 +119,7 @@ export class AlarmsPage {
 }
 
 class AlarmListItem {
-  constructor(row) {
+  constructor(row, help) {
     this.row = row;
     this.when = make("span", { class: "alarm-when" });
     this.orders = this.#buttons();
@@ -125,12 +127,11 @@ class AlarmListItem {
     this.constants = alarm?.names_constants ? make("p", { class: "alarm-constants" }) : null;
     this.node = make("li", { class: "alarm-row", "data-alarm": row.number, "data-state": stateOf(row.state) }, symbol(row),
       make("div", { class: "alarm-words" },
-        make("strong", { text: `S${row.number} ${message(row)}` }),
+        help.button(row.number, `S${row.number} ${message(row)}`),
         row.first_out ? make("span", { class: "first-out", text: t("alarms.first_out") }) : null,
         make("span", { class: "alarm-state", text: stateText(row.state) }),
         this.when,
-        this.constants,
-        alarm === undefined ? null : make("p", { class: "alarm-check", text: labelled(t("alarms.check"), localized(alarm.check)) })),
+        this.constants),
       make("div", { class: "orders" }, ...this.orders.map((item) => item.node)));
   }
 
@@ -187,7 +188,8 @@ class ShelveForm {
 
 /** Journal of alarm state changes, from the history. */
 class Journal {
-  constructor() {
+  constructor(help) {
+    this.help = help;
     this.body = make("tbody");
     this.none = make("p", { class: "why" });
     const heading = ["alarms.time", "alarms.alarm", "alarms.change", "alarms.by"];
@@ -203,7 +205,7 @@ class Journal {
     write(this.none, rows === null ? t("history.none") : rows.length === 0 ? t("history.empty") : "");
     refill(this.body, ...(rows ?? []).map((row) => make("tr", {},
       make("td", { text: wallClock(row.utc_ms) }),
-      make("td", { text: `S${row.number} ${message(row)}` }),
+      make("td", {}, this.help.button(row.number, `S${row.number} ${message(row)}`)),
       make("td", { text: `${stateText(row.before)} → ${stateText(row.after)}` }),
       make("td", { text: operatorName(row.by_whom) }))));
   }

@@ -11,11 +11,14 @@ from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
 from controller.hmi.panel.view.conditions import condition_text
 from controller.hmi.panel.view.state import Json, in_both
 from controller.hmi.panel.view.texts import TEXTS
-from controller.iomap.loader import Point
+from controller.iomap.loader import POINT_NAMES, Point
+from controller.program.alarms.guide import LikelyCause, likely_causes
 from controller.program.machine import Transplanter
 from controller.program.operator.commands import JOGGED, Command
 from controller.program.set_points import CUPS
 from controller.program.tags import ROWS, SIDES
+from controller.program.texts.alarms.help import ISOLATION
+from controller.program.texts.alarms.locations import LOCATIONS
 from controller.program.texts.operator import LANGUAGES, MODES, QUESTIONS, REASONS, STATES, Text
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
@@ -67,7 +70,8 @@ def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
             {
                 "number": alarm.bit.number,
                 "text": in_both(alarm.text.message),
-                "check": in_both(alarm.text.check),
+                "meaning": in_both(alarm.text.meaning),
+                "causes": [_cause(cause) for cause in likely_causes(alarm, machine.io_map)],
                 "safety": alarm.safety,
                 "stops_work": alarm.stops_work,
                 "device": devices.get(alarm.bit.number),
@@ -79,9 +83,29 @@ def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
             {"name": sequence.name, "steps": [_step(sequence, step) for _, step in sequence]}
             for sequence in machine.program.sequences()
         ],
+        "isolation": [in_both(step) for step in ISOLATION],
         "geometry": GEOMETRY,
         "telemetry": [] if telemetry is None else [_tag(tag) for tag in telemetry.tags],
     }
+
+
+def _cause(likely: LikelyCause) -> Json:
+    """Return a likely cause: names and checks, parts for the picture, and its points and set-points."""
+    cause = likely.cause
+    part = LOCATIONS[cause.location]
+    return {
+        "text": in_both(cause.name),
+        "look": in_both(cause.look),
+        "reach": None if cause.reach is None else in_both(cause.reach),
+        "parts": [{"key": key, "text": in_both(_with_side(key.rpartition(".")[0], part))} for key in likely.locations],
+        "points": [{"address": address, "text": in_both(_point_text(tag))} for tag, address in likely.points],
+        "set_points": [_label(f"set.{name}", name) for name in cause.set_points],
+    }
+
+
+def _point_text(tag: str) -> Text:
+    side, _, name = tag.rpartition(".")
+    return _with_side(side, Text(*POINT_NAMES[name]))
 
 
 def _alarmed_devices(machine: Transplanter) -> dict[int, str]:

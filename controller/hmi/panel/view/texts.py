@@ -11,7 +11,7 @@ from typing import Final
 from controller.common.declarations import Declared
 from controller.hmi.panel.orders.replies import LEVELS
 from controller.hmi.panel.view.names import NAMES
-from controller.program.texts.alarms import ALARM_STATES
+from controller.program.texts.alarms.handling import ALARM_STATES
 from controller.program.texts.operator import Text
 
 _FORMATS: Final = {
@@ -193,6 +193,13 @@ _ALARMS: Final = {
     "alarms.came": Text("Active for {ago}", "已持续 {ago}"),
     "alarms.shelved_for": Text("Shelved for {left} more", "剩余搁置时间 {left}"),
     "alarms.check": Text("Check", "检查"),
+    "alarms.help": Text("Help", "报警帮助"),
+    "alarms.help_close": Text("Close help", "关闭帮助"),
+    "alarms.causes": Text("Likely causes, in the order in which to look", "可能原因（按检查顺序）"),
+    "alarms.isolation": Text("Isolation of the machine", "机器断电断气步骤"),
+    "alarms.picture": Text(
+        "Plan view of the machine; the numbers are those of the causes", "机器俯视图，编号为原因序号"
+    ),
     "alarms.acknowledge": Text("Acknowledge", "确认"),
     "alarms.nothing": Text("No alarm to acknowledge", "没有待确认的报警"),
     "alarms.acknowledge_all": Text("Acknowledge all", "全部确认"),

@@ -52,6 +52,9 @@ from controller.program.texts.operator import Text
 _log = logging.getLogger(__name__)
 
 STATIC: Final = Path(__file__).parents[1] / "static"
+_PACKAGED_PICTURE: Final = STATIC.with_name("machine.svg")
+PICTURE: Final = _PACKAGED_PICTURE if _PACKAGED_PICTURE.exists() else STATIC.parents[3] / "docs" / "machine.svg"
+"""Picture of the machine, in the installed package or in the documentation of a checkout."""
 COOKIE: Final = "panel_session"
 CANCEL_PERIOD_S: Final = 0.1
 MAX_BODY: Final = 4_096
@@ -312,9 +315,13 @@ def application(panel: PanelApplication, names: Iterable[str]) -> ASGIApp:
     async def page(_: Request) -> Response:
         return FileResponse(STATIC / "index.html")
 
+    async def picture(_: Request) -> Response:
+        return FileResponse(PICTURE, media_type="image/svg+xml")
+
     view = panel.requires_view
     routes = [
         Route("/", page),
+        Route("/machine.svg", picture),
         Mount("/static", StaticFiles(directory=STATIC)),
         Route("/api/me", panel.me),
         Route("/api/describe", panel.describe),

@@ -23,7 +23,8 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.operator.refusals import refusal_text
 from controller.program.states import State
-from controller.program.texts.alarms import ALARM_REFUSALS, ALARMS
+from controller.program.texts.alarms.handling import ALARM_REFUSALS
+from controller.program.texts.alarms.messages import ALARMS
 from controller.program.texts.operator import CANNOT, MODES, ORDERS, QUESTIONS, REASONS, REFUSALS, STATES, Text
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))
@@ -92,7 +93,7 @@ def static_texts() -> Iterator[tuple[str, Text]]:
         "refusals": REFUSALS,
         "alarm refusals": ALARM_REFUSALS,
         "alarm messages": {key: text.message for key, text in ALARMS.items()},
-        "alarm checks": {key: text.check for key, text in ALARMS.items()},
+        "alarm meanings": {key: text.meaning for key, text in ALARMS.items()},
         "status registers": {register.name: register.text for register in STATUS_REGISTERS},
     }
     for name, table in tables.items():
@@ -174,7 +175,7 @@ def test_every_refusal_is_chinese(command: Any) -> None:
 @pytest.mark.parametrize(
     ("text", "words", "punctuation"),
     [
-        ("线圈 lift_extend 是否得电；S900", [], []),
+        ("输出 Y1 是否接通；S900", [], []),
         ("Waiting 等待", ["Waiting"], []),
         ("等待,苗杯", [], [","]),
         ("苗杯(空)", [], ["(", ")"]),

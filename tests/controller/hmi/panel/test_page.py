@@ -19,9 +19,11 @@ from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 from controller.hmi.panel.view import texts
 from controller.hmi.panel.web import app
 from controller.io.pace import FLAT_OUT, PAUSED
+from controller.program.alarms.guide import likely_causes
 from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.operator.next_press import NextPress
 from controller.program.states import Mode, State
+from controller.program.texts.alarms.help import ISOLATION
 from controller.program.texts.interlocks import RULES
 from controller.program.texts.operator import CANNOT, MODES, NEXT_PRESSES, STATES
 from plant_sim.crop.seedling import Location
@@ -595,7 +597,8 @@ def test_every_page_is_chinese(stopped: Station, screen: Screen) -> None:
     for page in PAGES:
         screen.open(page)
         if page == "alarms":
-            expect(screen.find("[data-table=journal] tbody tr").first).to_be_visible()
+            screen.find("[data-table=journal] [data-help]").first.click()
+            expect(screen.find("svg .located").first).to_be_attached()
         shown = screen.page.evaluate(VISIBLE_TEXTS)
         assert len(shown) > 40
         assert [text for text in shown if latin_words(text)] == [], page
@@ -608,6 +611,33 @@ def test_every_page_is_chinese(stopped: Station, screen: Screen) -> None:
     screen.press("[data-box=emergency_stop]")
     clear(screen, live)
     screen.find("[data-action=language]").select_option("en")
+
+
+def test_a_tap_on_an_alarm_opens_its_help(stopped: Station, screen: Screen) -> None:
+    """One tap shows meaning, causes, isolation and the parts in the picture, from the list and from the journal."""
+    live = stopped.live
+    alarm = live.machine.alarms.of(900)
+    causes = likely_causes(alarm, live.machine.io_map)
+    screen.press("[data-box=emergency_stop]")
+    live.until_state(State.ABORTED)
+    screen.open("alarms")
+    expect(screen.find("[data-part=help]")).to_be_hidden()
+    screen.find("li[data-alarm='900'] [data-help]").click()
+    shown = screen.find("[data-part=help]")
+    expect(shown.locator("[data-fact=meaning]")).to_have_text(alarm.text.meaning.en)
+    expect(shown.locator(".causes > li > strong")).to_have_text([cause.cause.name.en for cause in causes])
+    expect(shown.locator("[data-part=isolation] li")).to_have_text([step.en for step in ISOLATION])
+    expect(shown.locator("svg .located")).to_have_count(1)
+    expect(shown.locator("svg .located")).to_have_attribute("data-location", "cabinet")
+    expect(shown.locator("svg .located-number")).to_have_text("1 2")
+    assert [text for text in shown.locator("svg text").all_text_contents() if re.search("[a-z]{2}", text)] == []
+    screen.find("[data-action=close_help]").click()
+    expect(shown).to_be_hidden()
+    screen.find("[data-table=journal] [data-help='900']").first.click()
+    expect(shown).to_be_visible()
+    screen.open("overview")
+    screen.press("[data-box=emergency_stop]")
+    clear(screen, live)
 
 
 ANSWER_LATE = """async ([presses, answers]) => {

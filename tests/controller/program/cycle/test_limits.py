@@ -10,7 +10,7 @@ import inspect
 import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.alarms import Alarm
+from controller.program.alarms.table import Alarm
 from controller.program.machine import build
 from controller.program.states import State
 from controller.program.tags import DEVICES, SIDES, Side

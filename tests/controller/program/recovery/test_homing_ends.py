@@ -13,7 +13,7 @@ from controller.core.program import Block
 from controller.core.rungs import OnDelay, Out, Rst, Rung
 from controller.core.sequence import Sequence, Step, To
 from controller.iomap.loader import Polarity
-from controller.program.alarms import ARM_ALARM_NUMBERS
+from controller.program.alarms.table import ARM_ALARM_NUMBERS
 from controller.program.interlocks import BELT, LIFT, SLIDE
 from controller.program.machine import Transplanter, build
 from controller.program.places import REST_MS

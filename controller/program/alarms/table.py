@@ -1,4 +1,4 @@
-"""Alarm table of the program: annunciators S900-S999 with severity, texts and causes, and the rungs that set them.
+"""Alarm table of the program: annunciators S900-S999 with their texts, and the rungs of the machine alarms.
 
 S numbers are permanent because panels, logs and operators refer to them. A number is never changed or reused; a new
 alarm gets the first free number after the last one in use below S990, and a new warning gets the number after the
@@ -15,48 +15,17 @@ from typing import Final
 
 from controller.common.declarations import DeclarationError, Declared
 from controller.core.devices import ANNUNCIATORS, MS_100
-from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
-from controller.core.program import Block
-from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
-from controller.core.sequence import Sequence, Timeout
+from controller.core.expr import Bit, Expr, Timer, all_of
+from controller.core.rungs import Annunciate, Rst, Rung, Set
 from controller.program.operator.buttons import stuck_rungs
-from controller.program.set_points import LONGEST_CUP_X10_MS, ROWS_DIFFER_X10_MS
-from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Side, Tags
-from controller.program.texts.alarms import ALARMS
+from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, Side, Tags
+from controller.program.texts.alarms.help import AlarmText
+from controller.program.texts.alarms.messages import ALARMS
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
-from controller.program.texts.operator import AlarmText
 
-SLIDE_LIMIT_MS: Final = 5_000
-"""Time limit for slide motion, ms: twice the 2.6 s of the longest stroke (378.5 mm at 800 mm row spacing, 0.143 m/s),
-rounded down."""
-LIFT_LIMIT_MS: Final = 2_500
-"""Time limit for lift motion, ms: more than three times the travel time of 0.75 s (150 mm at 0.2 m/s)."""
-SPREAD_LIMIT_MS: Final = 2_500
-"""Time limit for spreading and converging, ms: more than two and a half times the travel time of 0.94 s (187 mm at
-0.2 m/s)."""
-TRAY_OUT_LIMIT_MS: Final = 3_200
-"""Time limit for conveying a tray out, ms. 540 mm at 0.2 m/s take 2.9 s including the ramps. If the limit were much
-longer and the sensor were stuck, the next tray would be conveyed out as well."""
-CLAW_LIMIT_MS: Final = 3_000
-"""Time limit for a claw step, ms. The maximum dwell setting is 2 s; a claw coil still blocked by an interlock or by
-delayed outputs after 3 s indicates a fault."""
-OFF_HOME_MS: Final = 1_000
-"""Delay of the alarm for an arm that is no longer at home, ms; longer than switch bounce."""
 TRAY_LOST_MS: Final = 500
 """Delay of the alarm for a tray at rest that is no longer detected by the front edge sensor, ms; longer than sensor
 bounce."""
-IN_DOUBT_MS: Final = 200
-"""Delay of the alarm for implausible switches, ms. Input filters and cables can cause two switches of one device to be
-on at the same time, or one to come on too early, only for a shorter time."""
-UNBIDDEN_MS: Final = 500
-"""Delay of the alarm for an arm at rest that leaves or reaches a switch, ms; longer than switch bounce."""
-LONE_CUPS: Final = 2
-"""Number of cups counted in one row, with none in the other, that raises an alarm when the second flag has left. The
-same ground wheel drives both carousels. If the flags of both rows arrive together, their order may change from cup to
-cup, but the flag of the other row then arrives before this one leaves."""
-CUPS_SLOW_MS: Final = 5_000
-"""Delay of the warning that the cups pass more slowly than permitted, ms; longer than the cup after a standstill."""
-
 _ARM_ALARM_NUMBERS: Final = {
     "approach row": (908, 920),
     "return to row": (909, 921),
@@ -210,7 +179,7 @@ class Annunciators:
             side: Arm to which the alarm belongs; None for the machine.
             severity: Severity of the alarm.
             stops_work: True if the alarm holds the machine. Default: True except for warnings.
-            text: Message and checks. Default: the entry of this key in `texts.alarms.ALARMS`.
+            text: Message and checks. Default: the entry of this key in `texts.alarms.messages.ALARMS`.
             cause: Condition that is true while the cause persists.
             stops_arm: True if the alarm of an arm stops it in its stroke.
 
@@ -242,69 +211,7 @@ class Annunciators:
         return [alarm.bit for alarm in self._table if alarm.side == side and alarm.stops_arm]
 
 
-class StepLimits:
-    """Factory for the step time limits of one arm: a 100 ms timer and an annunciator for each step with motion."""
-
-    def __init__(self, arm: ArmTags, alarms: Annunciators) -> None:
-        self._arm = arm
-        self._alarms = alarms
-        self._next = arm.first_limit
-
-    def __call__(self, key: str, ms: int) -> Timeout:
-        """Return the time limit of the step whose alarm has this key."""
-        __tracebackhide__ = True
-        timer = Timer(self._next, f"{self._arm.side}.limit: {key}")
-        self._next += 1
-        return Timeout(ms, self._alarms.add_to_arm(key, self._arm.side), timer)
-
-
-def alarm_block(
-    tags: Tags,
-    alarms: Annunciators,
-    arms: dict[Side, ArmAlarms],
-    sequences: list[Sequence],
-) -> Block:
-    """Return the block that sets and resets the annunciators and the fault relays of the arms and the tray feeder."""
-    machine, tray = tags.machine, tags.tray
-    rungs: list[Rung] = [
-        Out(machine.alarm_reset, when=machine.entered_resetting | machine.clear_requested),
-        *(Rst(alarm.bit, when=machine.alarm_reset & ~_lasting(alarm)) for alarm in alarms),
-        *_machine_alarms(tags, alarms),
-        *_cup_alarms(tags, alarms),
-    ]
-    for sequence in sequences:
-        rungs += sequence.limits()
-    for side, arm_alarms in arms.items():
-        rungs += [
-            *_arm_alarms(tags, tags.arms[side], arm_alarms),
-            Out(tags.arms[side].fault, when=any_of(*alarms.of_side(side))),
-        ]
-    stopping = [alarm.bit for alarm in alarms.by_severity() if alarm.stops_work]
-    cups = {alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground}
-    counts = [arm_alarms.cup_counts for arm_alarms in arms.values()]
-    of_machine = [alarm.bit for alarm in alarms if alarm.stops_work and alarm.side is None and alarm.bit not in cups]
-    rungs += [
-        Out(tray.fault, when=alarms.tray_jam | alarms.tray_lost),
-        Out(machine.cup_fault, when=any_of(alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground, *counts)),
-        Out(machine.fault, when=any_of(machine.cup_fault, *(arm.fault for arm in tags.arms.values()), *of_machine)),
-        Mov(0, machine.first_out, when=machine.alarm_reset),
-        *(
-            Mov(bit.number, machine.first_out, when=all_of(machine.fault, bit, machine.first_out.equals(0)))
-            for bit in stopping
-        ),
-        Mov(0, machine.first_out, when=~machine.fault),
-        Pulse(machine.new_alarm, when=machine.fault),
-        Set(machine.horn, when=machine.new_alarm),
-        Rst(machine.horn, when=tags.commands.acknowledge | ~machine.fault),
-    ]
-    return Block("alarms", tuple(rungs))
-
-
-def _lasting(alarm: Alarm) -> Expr:
-    return FALSE if alarm.cause is None else alarm.cause
-
-
-def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
+def machine_rungs(tags: Tags, alarms: Annunciators) -> list[Rung]:
     """Return the rungs of the machine alarms; an optional input is used only if it is wired."""
     x, system, machine, tray = tags.x, tags.system, tags.machine, tags.tray
     rungs: list[Rung] = [
@@ -337,66 +244,3 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
     if (magazine := x.optional("magazine_empty")) is not None:
         rungs += [Set(alarms.magazine_empty, when=magazine), Rst(alarms.magazine_empty, when=~magazine)]
     return rungs
-
-
-def _cup_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
-    """Return the rungs of the alarms of both cup counters; off in manual mode, in which no arm waits for cups."""
-    machine, left = tags.machine, tags.arms["left"]
-    works = machine.running & ~machine.manual
-    slow = (left.cup_time > tags.sp.cup_time_longest) & (left.cup_time < LONGEST_CUP_X10_MS)
-    rungs: list[Rung] = [
-        Set(alarms.cups_fast, when=works & machine.cups_fast),
-        Set(alarms.cups_implausible, when=works & machine.cups_implausible),
-        Annunciate(
-            machine.t_cups_slow,
-            CUPS_SLOW_MS,
-            alarms.cups_slow,
-            when=works & slow,
-        ),
-        Rst(alarms.cups_slow, when=~slow),
-    ]
-    if tags.planting.ground_sensor is not None:
-        rungs.append(Set(alarms.cups_ground, when=works & tags.planting.cups_differ))
-    return rungs
-
-
-class ArmAlarms:
-    """Annunciators of one arm other than those of the step time limits."""
-
-    def __init__(self, arm: ArmTags, alarms: Annunciators, limit: StepLimits) -> None:
-        self.overrun = alarms.add_to_arm("overrun", arm.side)
-        self.off_home = limit("off home", OFF_HOME_MS)
-        self.switches = {
-            name: alarms.add_to_arm(f"{name} switches", arm.side, cause=doubt & ~arm.out_of_service)
-            for name, doubt in arm.doubt.items()
-        }
-        self.unbidden = alarms.add_to_arm("unbidden", arm.side)
-        self.cup_counts = alarms.add_to_arm("cup counts", arm.side, stops_arm=False)
-
-
-def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
-    """Return the rungs of the alarms of one arm other than those of the step time limits.
-
-    The plausibility alarms are off in manual mode because the operator moves the arm to find the faulty switch. The
-    interlocks still apply.
-    """
-    machine, other = tags.machine, tags.other(arm.side)
-    works = machine.motion & ~machine.manual
-    moves = works & ~arm.out_of_service
-    off_home = alarms.off_home
-    faster = all_of(other.cup, other.cups_even, other.row_difference > ROWS_DIFFER_X10_MS)
-    return [
-        Set(alarms.overrun, when=arm.over_row),
-        Annunciate(off_home.timer, off_home.ms, off_home.alarm, when=arm.off_home),
-        *(
-            Annunciate(arm.t_doubt[name], IN_DOUBT_MS, alarm, when=moves & arm.doubt[name])
-            for name, alarm in alarms.switches.items()
-        ),
-        Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=moves & arm.unbidden & ~arm.off_home),
-        Rst(arm.lone_cups, when=other.cup | ~machine.running),
-        Count(arm.lone_cups, LONE_CUPS, when=arm.cup & ~other.cup),
-        Set(
-            alarms.cup_counts,
-            when=all_of((arm.lone_cups.done & ~arm.cup_sensor) | faster, machine.running, ~machine.manual),
-        ),
-    ]
