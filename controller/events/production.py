@@ -11,7 +11,7 @@ from controller.core.devices import ANNUNCIATORS
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
-from controller.program.operator.next_press import NextPress, press_text
+from controller.program.operator.next_press import what_to_do
 from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import HOLDS, Mode, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
@@ -35,7 +35,7 @@ class StateEvent:
         state: PackML state number.
         text: Name of the state.
         reason: Reason if the state is Suspended or Held; else empty.
-        next_press: Next useful press of the operator; empty if none is required.
+        next_press: Line that says what to do now; empty if no press is required.
     """
 
     at_ms: int
@@ -120,7 +120,7 @@ class RefusalEvent:
         command: Name of the command.
         reason: Number of the reason.
         text: Command and reason.
-        next_press: Next useful press of the operator; empty if none is required.
+        next_press: Line that says what to do now; empty if no press is required.
     """
 
     at_ms: int
@@ -131,7 +131,23 @@ class RefusalEvent:
     event: str = "refusal"
 
 
-Event = StateEvent | AlarmEvent | QuestionEvent | CycleEvent | TrayEvent | ModeEvent | RefusalEvent
+@dataclass(frozen=True, slots=True)
+class NextPressEvent:
+    """Change of the line that says what to do now, within a state.
+
+    Attributes:
+        at_ms: Time of the event, ms.
+        press: Number of the next useful press.
+        text: The line; empty if no press is required.
+    """
+
+    at_ms: int
+    press: int
+    text: str
+    event: str = "next"
+
+
+Event = StateEvent | AlarmEvent | QuestionEvent | CycleEvent | TrayEvent | ModeEvent | RefusalEvent | NextPressEvent
 
 
 def as_record(event: Event) -> dict[str, object]:
@@ -221,7 +237,7 @@ class _CycleTimer(Saved):
 class ProductionLog(Saved):
     """Generator of events from the changes between scans; an observer of the runtime."""
 
-    SAVED = ("_alarms", "_mode", "_questions", "_refusals", "_state", "_trays")
+    SAVED = ("_alarms", "_mode", "_next_press", "_questions", "_refusals", "_state", "_trays")
 
     def __init__(self, machine: Transplanter, report: Callable[[Event], None], language: Language = "en") -> None:
         """Create the log for a machine.
@@ -237,7 +253,7 @@ class ProductionLog(Saved):
         self._state = 0
         self._trays: int | None = None
         self._mode: int | None = None
-        self._refusals = 0
+        self._refusals = self._next_press = 0
         self._alarms: list[int] = []
         self._questions: list[str] = []
         self._cycles = [_CycleTimer(machine, side) for side in SIDES]
@@ -269,6 +285,7 @@ class ProductionLog(Saved):
             *(device for timer in self._cycles for device in timer.devices),
             tags.machine.state,
             tags.machine.mode,
+            tags.machine.next_press,
             tags.machine.refusals,
             tags.machine.trays_done,
         )
@@ -276,8 +293,9 @@ class ProductionLog(Saved):
     def __call__(self, now_ms: int, plc: Plc) -> None:
         """Evaluate the memory after a scan."""
         tags = self._machine.tags
-        state = plc.read(tags.machine.state)
-        if state != self._state:
+        state, refusals = plc.read(tags.machine.state), self._refusals
+        entered = state != self._state
+        if entered:
             self._state = state
             self._report(self._state_event(now_ms, plc, state))
             if not plc.read(tags.machine.motion):
@@ -286,6 +304,7 @@ class ProductionLog(Saved):
         self._report_operator_actions(now_ms, plc)
         self._report_alarms(now_ms, plc)
         self._report_questions(now_ms, plc)
+        self._report_next_press(now_ms, plc, told=entered or self._refusals != refusals)
         for timer in self._cycles:
             cycle = timer.update(now_ms, plc)
             if cycle is not None:
@@ -306,21 +325,28 @@ class ProductionLog(Saved):
         if refusals != self._refusals:
             self._refusals = refusals
             command = self._machine.tags.commands.numbered(plc.read(machine.refused))
-            reason, press = Refusal(plc.read(machine.refusal)), plc.read(machine.next_press)
+            reason = Refusal(plc.read(machine.refusal))
             text = refusal_text(command, reason, self._language)
-            self._report(RefusalEvent(now_ms, command.name, reason, text, self._hint(press, mode)))
+            self._report(RefusalEvent(now_ms, command.name, reason, text, self._line(plc)))
 
     def _state_event(self, now_ms: int, plc: Plc, state: int) -> StateEvent:
         reason = ""
         if state in (State.SUSPENDING, State.SUSPENDED, *HOLDS):
             reason = getattr(REASONS[plc.read(self._machine.tags.machine.reason)], self._language)
-        machine = self._machine.tags.machine
-        press, mode = plc.read(machine.next_press), plc.read(machine.mode)
-        return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason, self._hint(press, mode))
+        return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason, self._line(plc))
 
-    def _hint(self, press: int, mode: int) -> str:
-        """Return the text of the next useful press; empty if none is required."""
-        return "" if press == NextPress.NONE else str(getattr(press_text(press, mode), self._language))
+    def _line(self, plc: Plc) -> str:
+        """Return the line that says what to do now; empty if no press is required."""
+        line = what_to_do(self._machine.tags, self._machine.alarms, plc.read)
+        return "" if line is None else str(getattr(line, self._language))
+
+    def _report_next_press(self, now_ms: int, plc: Plc, *, told: bool) -> None:
+        """Report a changed line, unless an event of this scan has told it."""
+        press = plc.read(self._machine.tags.machine.next_press)
+        if press != self._next_press:
+            self._next_press = press
+            if not told:
+                self._report(NextPressEvent(now_ms, press, self._line(plc)))
 
     def _report_alarms(self, now_ms: int, plc: Plc) -> None:
         alarms = plc.annunciators()

@@ -28,12 +28,13 @@ from controller.program.interlocks import (
     tray_rules,
 )
 from controller.program.operator.commands import ARM_OUTPUTS, JOGGED
-from controller.program.operator.next_press import NextPress
+from controller.program.operator.next_press import NextPress, next_press_rungs
 from controller.program.operator.refusals import Orders, Refusal
 from controller.program.planting import planting_block
 from controller.program.states import Mode, Reason, State
 from controller.program.tags import FORGOTTEN, IN_DOUBT, SIDES, STEPPED, Side, Tags
 from controller.program.texts import operator as texts
+from controller.program.texts.next_press import NEXT_PRESSES
 
 OUTPUTS = "interlocks and outputs"
 
@@ -121,6 +122,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         _requests(tags, sequences),
         planting_block(tags, alarms, cycles),
         alarm_block(tags, alarms, arm_alarms, sequences),
+        Block("next press", tuple(next_press_rungs(tags, orders))),
         output_block(tags, io_map, rules, rules_tray, rules_others),
         Block("coil memory", tuple(rung for side in SIDES for rung in arm.coils_memory(tags.arms[side]))),
         block_register(tags, rules, rules_tray),
@@ -160,7 +162,7 @@ def _require_texts(tags: Tags) -> None:
     texts.STATES.require(State)
     texts.MODES.require(Mode)
     texts.REASONS.require(Reason)
-    texts.NEXT_PRESSES.require(NextPress)
+    NEXT_PRESSES.require(NextPress)
     texts.REFUSALS.require(reason.name for reason in Refusal)
     texts.ORDERS.require(command.group for command in tags.commands)
 

@@ -12,7 +12,6 @@ from controller.program.operator.answers import answer_rungs
 from controller.program.operator.buttons import disarm_rungs, edge_rungs
 from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.operator.constants import constant_rungs
-from controller.program.operator.next_press import next_press_rungs
 from controller.program.operator.refusals import Orders
 from controller.program.states import HOLDS, MOVING, RUNNING, STOPPABLE, Mode, Reason, State
 from controller.program.tags import FIRST_SCAN, IN_PLACE, MOVING_OUT, STEPPED, Tags
@@ -239,6 +238,5 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
         Out(machine.jogging, when=all_of(machine.manual, state.equals(State.EXECUTE), ~machine.abort)),
         Out(machine.motion, when=any_of(*(state.equals(s) for s in MOVING)) & ~machine.abort),
         Out(machine.line_clear, when=_line_clear(tags)),
-        *next_press_rungs(tags),
     ]
     return Block("modes", tuple(rungs))

@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 from controller.core.expr import any_of
 from controller.program.operator.next_press import NextPress
 from controller.program.states import State
-from controller.program.tags import SIDES
 from plant_sim.twin.lock_step import CLEAR_MS, SCAN_MS, NotReachedError, Twin
 from plant_sim.twin.recovery import HOMING_LIMIT_MS, press_emergency_stop, true_tray
 
@@ -52,8 +51,13 @@ class Followed(NamedTuple):
 
     @property
     def is_short(self) -> bool:
-        """True if Execute was reached with the permitted number of presses."""
+        """True if Execute was reached with at most `MOST_PRESSES`, and `PER_QUESTION` more for each question."""
         return not self.why and self.presses <= MOST_PRESSES + PER_QUESTION * self.questions
+
+    @property
+    def names(self) -> str:
+        """Names of the lines followed."""
+        return ", ".join(line.name for line in self.lines)
 
 
 def follow(twin: Twin, repair: Callable[[], None], *, isolated: bool) -> Followed:
@@ -178,10 +182,8 @@ class _Follower:
 
 
 _ANSWERS: Final[Mapping[NextPress, Callable[[_Follower], None]]] = {
-    **{
-        NextPress[f"ANSWER_{side.upper()}_LOADED"]: lambda follower, side=side: follower.answer_loaded(side)
-        for side in SIDES
-    },
+    NextPress.ANSWER_LEFT_LOADED: lambda follower: follower.answer_loaded("left"),
+    NextPress.ANSWER_RIGHT_LOADED: lambda follower: follower.answer_loaded("right"),
     NextPress.ANSWER_SAME_TRAY: lambda follower: follower.answer_tray_seen("same", "full"),
     NextPress.ANSWER_FULL_TRAY: lambda follower: follower.answer_tray_seen("full"),
     NextPress.ANSWER_NO_TRAY: _Follower.answer_no_tray,

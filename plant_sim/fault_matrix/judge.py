@@ -32,6 +32,11 @@ def complaints(subject: Subject, outcome: Outcome) -> list[str]:
     found += [f"the {side} arm did not return to feed" for side in outcome.away]
     if outcome.rounds > expected.stops + outcome.passed:  # a tray that passed undetected causes one more stop
         found.append(f"stopped again after the repair, {outcome.rounds - 1} times")
+    found += [
+        f"the line leads to Execute in {each.presses} presses with {each.questions} questions: {each.why or each.names}"
+        for each in outcome.followed
+        if not each.is_short
+    ]
     if outcome.left and not expected.loses:
         counts = outcome.counts
         found.append(f"{counts.in_tray} seedlings left in trays, {counts.in_claw} in claws")

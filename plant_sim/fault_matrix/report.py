@@ -25,6 +25,7 @@ HEADING = (
     "lost",
     "in doubt",
     "recovered",
+    "presses",
     "harm",
     "silent harm",
     "monitors",
@@ -48,6 +49,7 @@ COLUMNS = (
     "D",
     "T",
     "recovered",
+    "presses",
     "monitors",
     "findings",
 )
@@ -55,6 +57,8 @@ SIZES_COLUMNS = COLUMNS[:-1]
 LEGEND = (
     "After the fault: minimum, median and maximum time. In its step: maximum time for which the timed-out step had",
     "been active, and its timeout. Lost: seedlings lost or left behind in excess of those of the undisturbed trial.",
+    "Presses: most presses from a stop to Execute of an operator who follows only the line that says what to do now,",
+    "without and with an isolation before the repair; in brackets, the most questions answered on the way.",
     "Harm: trials in which a monitor tripped. Silent harm: those of them without any signal until their end.",
 )
 
@@ -117,11 +121,21 @@ class MatrixRow:
             _range([outcome.lost for outcome in self.outcomes]),
             _range([outcome.in_doubt for outcome in self.outcomes]),
             f"{sum(outcome.recovered for outcome in self.outcomes)} of {len(self.outcomes)}",
+            self._presses(),
             str(self.harmful or "-"),
             str(self.silently_harmful or "-"),
             _counted(kind for outcome in self.outcomes for kind in outcome.trips) or "-",
             str(len(self.findings)) if self.findings else "-",
         )
+
+    def _presses(self) -> str:
+        """Return the most presses without and with an isolation, and the most questions."""
+        followed = [each for outcome in self.outcomes for each in outcome.followed]
+        if not followed:
+            return "-"
+        most = " / ".join(str(max(each.presses for each in followed[start::2])) for start in range(2))
+        questions = max(each.questions for each in followed)
+        return f"{most} ({questions})" if questions else most
 
 
 def headline(rows: Sequence[MatrixRow]) -> str:
@@ -223,6 +237,7 @@ def _record(subject: Subject, outcome: Outcome) -> dict[str, object]:
         "D": counts.D,
         "T": counts.T,
         "recovered": outcome.recovered,
+        "presses": [each.presses for each in outcome.followed],
         "monitors": [f"{kind}: {text}" for kind, text in outcome.trips.items()],
         "findings": complaints(subject, outcome),
     }

@@ -1,24 +1,26 @@
-"""Next useful press of the operator, as a number that screen, console, lamp and tag list share."""
+"""What to do now: the next useful press of the operator, one line that panel, console and tag list share."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import IntEnum
 from typing import Final
 
-from controller.core.expr import TRUE, Expr, all_of, any_of
+from controller.core.expr import TRUE, Bit, Expr, Word, all_of, any_of
 from controller.core.rungs import Add, Mov, Rung
-from controller.program.operator.answers import Question
+from controller.program.alarms.table import Alarm
+from controller.program.operator.answers import Question, asked
 from controller.program.operator.buttons import due
 from controller.program.operator.commands import Command
-from controller.program.operator.refusals import Refusal, refusal_text
+from controller.program.operator.refusals import Orders, Refusal, refusal_text
 from controller.program.states import HOMED_FROM, Mode, State
-from controller.program.tags import Tags
-from controller.program.texts.operator import IN_MODE, MODES, NEXT, NEXT_PRESSES, Text
+from controller.program.tags import SIDES, Tags
+from controller.program.texts.next_press import IN_MODE, NEXT, NEXT_PRESSES, OF_ALARM
+from controller.program.texts.operator import MODES, Text
 
 
 class NextPress(IntEnum):
-    """Presses by number; their texts are in `texts.operator.NEXT_PRESSES`."""
+    """Presses by number; their texts are in `texts.next_press.NEXT_PRESSES`."""
 
     NONE = 0
     HOME = 1
@@ -43,65 +45,120 @@ class NextPress(IntEnum):
     JOG = 20
     RELEASE_NOW = 21
     CONFIRM_CONSTANTS = 22
+    STOP_AND_HOME = 23
 
 
 _BEFORE_ANSWERS: Final = NextPress.ANSWER_LEFT_LOADED - Question.LEFT_LOADED
 """Difference between the number of a press that answers and the number of its question."""
 
 
-def _table(tags: Tags) -> Iterator[tuple[NextPress, Expr]]:
+_OF_MODE: Final = frozenset({NextPress.HOME, NextPress.START, NextPress.STEP})
+"""Presses whose effect depends on the mode."""
+
+
+def answering(question: Question) -> NextPress:
+    """Return the press that answers a question."""
+    return NextPress(question + _BEFORE_ANSWERS)
+
+
+def _table(tags: Tags, orders: Orders) -> Iterator[tuple[NextPress, Expr]]:
     """Yield the presses with their conditions, the most urgent last."""
     machine, system, x, tray = tags.machine, tags.system, tags.x, tags.tray
     state = machine.state
     asking = any_of(tray.ask, *(arm.ask for arm in tags.arms.values()))
     at_rest = any_of(*(state.equals(each) for each in HOMED_FROM))
-    held, idle, aborted = (state.equals(each) for each in (State.HELD, State.IDLE, State.ABORTED))
+    held, idle, aborted, suspended = (
+        state.equals(each) for each in (State.HELD, State.IDLE, State.ABORTED, State.SUSPENDED)
+    )
     faults = any_of(system.link_lost, system.scan_fault, system.store_fault, system.outputs_taken)
     yield NextPress.NONE, TRUE
     yield NextPress.HOME, at_rest
-    yield NextPress.RESUME, held & (machine.held_by_operator | machine.held_by_panel)
+    by_hand = any_of(machine.held_by_operator, machine.held_by_panel)
+    yield NextPress.RESUME, all_of(held, by_hand, orders.free(tags.commands.unhold))
     yield NextPress.REPAIR_AND_HOME, at_rest & machine.fault
     yield NextPress.CONFIRM_CONSTANTS, at_rest & machine.constants_open
     yield NextPress.ANSWER_COMMAND, held & asking
     yield NextPress.START, idle
+    yield NextPress.STOP_AND_HOME, idle & ~orders.free(tags.commands.start)
     yield NextPress.LEAVE_ZERO_RETURN, idle & machine.mode.equals(Mode.ZERO_RETURN)
     yield NextPress.STEP, machine.running & machine.stepping
     yield NextPress.JOG, machine.jogging
-    yield NextPress.SEARCH_TRAY, state.equals(State.SUSPENDED) & tray.missing
+    yield NextPress.SEARCH_TRAY, suspended & tray.missing
     yield NextPress.UNSUSPEND, machine.running & machine.suspended_by_operator
     tried = machine.start_pressed | ~machine.refused_now  # a refused press of X24 itself shows what else to press
-    yield NextPress.RELEASE_STOP, all_of(at_rest | idle, x.stop, ~machine.no_armed, tried)
+    yield NextPress.RELEASE_STOP, all_of(any_of(at_rest, idle, suspended), x.stop, ~machine.no_armed, tried)
     yield NextPress.CLEAR, aborted
     yield NextPress.REMOVE_FAULT, aborted & faults
     yield NextPress.RELEASE_EMERGENCY_STOP, all_of(aborted, x.emergency_stop, ~system.link_lost)
 
 
-def next_press_rungs(tags: Tags) -> list[Rung]:
-    """Return the rungs of the register with the next useful press; they follow the state of this scan."""
+def next_press_rungs(tags: Tags, orders: Orders) -> list[Rung]:
+    """Return the rungs of the register with the next useful press; they follow the alarms of the scan."""
     machine = tags.machine
+    answerable = ~machine.motion | machine.question.equals(Question.CUPS_EMPTY)  # others are refused until it ends
+    asking = machine.question.differs(0)
+    open_now = any_of(*asked(tags).values())  # the register of the question is older
     return [
-        *(Mov(press, machine.next_press, when=when) for press, when in _table(tags)),
-        Add(machine.question, _BEFORE_ANSWERS, machine.next_press, when=machine.question.differs(0)),
+        *(Mov(press, machine.next_press, when=when) for press, when in _table(tags, orders)),
+        Add(machine.question, _BEFORE_ANSWERS, machine.next_press, when=all_of(asking, answerable, open_now)),
         Mov(NextPress.RELEASE_NOW, machine.next_press, when=any_of(*due(tags))),
     ]
 
 
-def press_text(press: int, mode: int) -> Text:
-    """Return the next useful press for the operator, with the mode if it is not continuous."""
-    text = NEXT_PRESSES.get(press, NEXT_PRESSES[NextPress.NONE])
-    if press not in {NextPress.HOME, NextPress.START, NextPress.STEP} or mode not in MODES or mode == Mode.CONTINUOUS:
-        return text
-    name = MODES[mode]
-    return Text(IN_MODE.en.format(text=text.en, mode=name.en), IN_MODE.zh.format(text=text.zh, mode=name.zh))
+def named_commands(tags: Tags) -> Mapping[NextPress, tuple[Bit, ...]]:
+    """Return the commands that the buttons named in the text of a press give, or that the text names itself."""
+    commands = tags.commands
+    loaded = {
+        NextPress[f"ANSWER_{side.upper()}_LOADED"]: (commands.loaded_yes[side], commands.loaded_no[side])
+        for side in SIDES
+    }
+    return {
+        NextPress.HOME: (commands.reset,),
+        NextPress.START: (commands.start,),
+        NextPress.SEARCH_TRAY: (commands.start,),
+        NextPress.STEP: (commands.step,),
+        NextPress.CLEAR: (commands.clear,),
+        **loaded,
+        NextPress.ANSWER_SAME_TRAY: (commands.tray_same,),
+        NextPress.ANSWER_FULL_TRAY: (commands.tray_full,),
+        NextPress.ANSWER_NO_TRAY: (commands.tray_none,),
+        NextPress.ANSWER_CUPS_EMPTY: (commands.cups_empty,),
+        NextPress.REPAIR_AND_HOME: (commands.reset,),
+        NextPress.RESUME: (commands.unhold, commands.reset),
+        NextPress.UNSUSPEND: (commands.unsuspend, commands.stop),
+        NextPress.JOG: (commands.stop,),
+        NextPress.STOP_AND_HOME: (commands.stop,),
+    }
 
 
-def refused_press_text(command: Command, reason: Refusal, press: int, mode: int) -> Text:
-    """Return the message of a refused press: the reason and the next useful press, if there is one."""
+def what_to_do(tags: Tags, alarms: Iterable[Alarm], read: Callable[[Bit | Word], int]) -> Text | None:
+    """Return the line that says what to do now, from the next press, the mode and the alarm that stopped work.
+
+    Args:
+        tags: Tags of the program.
+        alarms: Alarms of the program.
+        read: Function that returns the value of a device.
+
+    Returns:
+        The line; None if no press is required.
+    """
+    machine = tags.machine
+    press, mode, first_out = read(machine.next_press), read(machine.mode), read(machine.first_out)
+    text = NEXT_PRESSES.get(press)
+    if text is None or press == NextPress.NONE:
+        return None
+    alarm = next((each for each in alarms if each.bit.number == first_out), None)
+    if press == NextPress.REPAIR_AND_HOME and alarm is not None:
+        return OF_ALARM.filled(text=text, alarm=alarm.text.message)
+    if press in _OF_MODE and mode in MODES and mode != Mode.CONTINUOUS:
+        return IN_MODE.filled(text=text, mode=MODES[mode])
+    return text
+
+
+def refused_text(command: Command, reason: Refusal, line: Text | None) -> Text:
+    """Return the message of a refused command: the reason, and the line that says what to do now, if there is one."""
     text = Text(refusal_text(command, reason, "en"), refusal_text(command, reason, "zh"))
-    if press == NextPress.NONE:
-        return text
-    following = press_text(press, mode)
-    return Text(NEXT.en.format(text=text.en, press=following.en), NEXT.zh.format(text=text.zh, press=following.zh))
+    return text if line is None else NEXT.filled(text=text, press=line)
 
 
 def press_meanings() -> str:

@@ -14,11 +14,12 @@ from controller.program.machine import Transplanter
 from controller.program.places import devices
 from controller.program.requirements.limits import assumptions, limits
 from controller.program.requirements.positions import PositionMonitor
+from controller.program.requirements.presses import of_presses
 from controller.program.requirements.safety import ArmMonitor, Safety
 from controller.program.requirements.time_limit import bounded
 from controller.program.requirements.travel_times import MachineData, fits
 from controller.program.requirements.ways_out import ways_out
-from controller.program.states import MOVING, Mode, State
+from controller.program.states import MOVING, RUNNING, Mode, State
 from controller.program.tags import FORGOTTEN, IN_PLACE, IN_PROGRESS, NO_TRAY, ROWS, SIDES, TAKEN, Side
 
 _NAMES = {"lift": ("down", "up"), "slide": ("feed", "pick 1", "pick 2", "pick 3"), "belt": ("spread", "converged")}
@@ -42,7 +43,7 @@ def specification(machine: Transplanter, data: MachineData | None = None) -> Spe
         program=machine.program,
         monitors=safety.monitors,
         remembered=safety.remembered,
-        requirements=safety.requirements,
+        requirements=(*safety.requirements, *of_presses(machine)),
         invariants=tuple(Invariant(name, holds) for name, holds in invariants.items()),
         ways_out=ways_out(machine),
         ranges=tags.sp.limits,
@@ -104,6 +105,8 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     yield from _of_presses(machine, safety)
     yield "the manual relay is on only in manual mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
     yield "the manual relay is on in manual mode", _implies(control.mode.equals(Mode.MANUAL), control.manual)
+    zero_return = control.mode.equals(Mode.ZERO_RETURN)
+    yield "the machine does not run in zero return mode", _implies(_one_of(control.state, RUNNING), ~zero_return)
     jogs = control.mode.equals(Mode.MANUAL) & control.state.equals(State.EXECUTE)
     yield "jogging is active only in manual mode and Execute", _implies(control.jogging, jogs)
     steps = [_any_step(sequence) for sequence in machine.program.sequences()]

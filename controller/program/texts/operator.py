@@ -11,14 +11,19 @@ LANGUAGES: Final[tuple[Language, Language]] = ("en", "zh")
 
 
 class Text(NamedTuple):
-    """Text in both languages; ``{side}`` is a placeholder for the name of the side."""
+    """Text in both languages; a name in braces is a placeholder, ``{side}`` that for the name of the side."""
 
     en: str
     zh: str
 
     def of(self, side: Text | None) -> Text:
         """Return the text with the side name filled in, or the unchanged text if `side` is None."""
-        return self if side is None else Text(self.en.format(side=side.en), self.zh.format(side=side.zh))
+        return self if side is None else self.filled(side=side)
+
+    def filled(self, **texts: Text) -> Text:
+        """Return the text with its placeholders filled in."""
+        en, zh = ({name: getattr(text, language) for name, text in texts.items()} for language in LANGUAGES)
+        return Text(self.en.format(**en), self.zh.format(**zh))
 
 
 SIDES: Final = {"left": Text("left", "左"), "right": Text("right", "右")}
@@ -153,8 +158,8 @@ _REFUSALS: Final = {
     "NOT_STOPPABLE": Text("the machine is stopped or stopping already", "机器已停止或正在停止"),
     "RELEASED_EARLY": Text("the button was released too early", "按钮松开过早"),
     "TRAY_SEEN": Text(
-        "a tray is detected that may hold seedlings: remove it, or accept it as full and state its empty rows",
-        "检测到可能带苗的苗盘：请取走，或按满盘接受后标明空行",
+        "a tray is detected that may hold seedlings; it can be accepted as full, and its empty rows stated",
+        "检测到可能带苗的苗盘；可按满盘接受，再标明空行",
     ),
     "ROW_IN_PROGRESS": Text("a row is clamped but not lifted", "苗行已夹紧但未提起"),
     "NOT_STOPPED": Text("the machine is not in Stopped", "机器未处于停止状态"),
@@ -166,62 +171,6 @@ _REFUSALS: Final = {
 }
 REFUSALS: Final = Declared("REFUSALS", __name__, _REFUSALS)
 """Reasons for refusing a command, by name of `refusals.Refusal`."""
-
-_HOLD: Final = Text("{question} Press X0 for 2 s: yes; X24: no", "{question} 按 X0 2 秒后松开：是；按 X24：否")
-
-
-def _held(question: Text) -> Text:
-    return Text(_HOLD.en.format(question=question.en), _HOLD.zh.format(question=question.zh))
-
-
-_NEXT_PRESSES: Final = {
-    0: Text("no press required", "无需按钮操作"),
-    1: Text("press X0 to reset and home", "按 X0 复位并回原点"),
-    2: Text("press X0 to start", "按 X0 启动"),
-    3: Text("fill the magazine, then press X0", "苗盘仓补盘后按 X0"),
-    4: Text("press X0 for the next transfer", "按 X0 执行下一步"),
-    5: Text("press X24 for 3 s and release it to clear", "按住 X24 3 秒后松开以清除"),
-    6: Text("release X25, then press X24 for 3 s and release it", "释放 X25，然后按住 X24 3 秒后松开"),
-    7: Text("remove the fault, then press X24 for 3 s and release it", "排除故障后按住 X24 3 秒再松开"),
-    8: Text("release X24; if it is not pressed, check its wire", "松开 X24；若未按下，检查其接线"),
-    9: _held(QUESTIONS["loaded"].of(SIDES["left"])),
-    10: _held(QUESTIONS["loaded"].of(SIDES["right"])),
-    11: Text(
-        "Is it the same tray? Press X0 for 2 s: yes; otherwise remove it",
-        "是否为原苗盘？按 X0 2 秒后松开：是；否则请取走",
-    ),
-    12: Text(
-        "Is the tray to be treated as full? Press X0 for 2 s: yes; otherwise remove it",
-        "是否按满盘处理？按 X0 2 秒后松开：是；否则请取走",
-    ),
-    13: Text(
-        "Is there no tray at the pick position? Press X24 for 2 s to feed one; otherwise push it under the sensor",
-        "取苗位没有苗盘？按 X24 2 秒后松开送入新盘；若有苗盘，请推到传感器下",
-    ),
-    14: Text(
-        "Are the cups under the claws empty? Press X0 for 2 s: yes; otherwise wait for twelve cups",
-        "夹爪下方的苗杯是否为空？按 X0 2 秒后松开：是；否则等待十二个苗杯",
-    ),
-    15: Text("answer the question by a command", "请用命令回答问题"),
-    16: Text("remove the cause of the alarm, then press X0 to home", "排除报警原因后按 X0 回原点"),
-    17: Text("resume by command, or press X0 to home", "用命令解除保持，或按 X0 回原点"),
-    18: Text("homed; select another mode to start", "已回原点；启动前请选择其他模式"),
-    19: Text("unsuspend by command, or press X24 to stop", "用命令解除暂挂，或按 X24 停止"),
-    20: Text("jog by command, or press X24 to stop", "用命令点动，或按 X24 停止"),
-    21: Text("release the button now", "现在松开按钮"),
-    22: Text(
-        "machine constants differ from their defaults; check them, press X25 and release it",
-        "机器常数与默认值不同；核对后按下 X25 再释放",
-    ),
-}
-NEXT_PRESSES: Final = Declared("NEXT_PRESSES", __name__, _NEXT_PRESSES)
-"""Next useful press of the operator, by `next_press.NextPress`."""
-
-NEXT: Final = Text("{text}; next: {press}", "{text}；下一步：{press}")
-"""Format of a refused press with the next useful press."""
-
-IN_MODE: Final = Text("{text} (mode: {mode})", "{text}（模式：{mode}）")
-"""Format of a press in a mode other than continuous."""
 
 CONSTANT: Final = Text("{name} {value} (default {default})", "{name} {value}（默认值 {default}）")
 """Format of a machine constant that differs from its default."""

@@ -19,9 +19,10 @@ from controller.program.machine import build
 from controller.program.tags import SIDES
 from controller.program.texts.alarms.causes import CAUSES
 from controller.program.texts.alarms.handling import ALARM_REFUSALS, ALARM_STATES
-from controller.program.texts.alarms.help import ISOLATE_FIRST, ISOLATION, Cause
+from controller.program.texts.alarms.help import Cause
 from controller.program.texts.alarms.locations import ARM_LOCATIONS, LOCATIONS, OUTSIDE
 from controller.program.texts.alarms.messages import ALARMS
+from controller.program.texts.isolation import ISOLATE_FIRST, ISOLATION
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 from controller.program.texts.operator import Text
 from tests.paths import DOCS

@@ -9,7 +9,9 @@ import pytest
 from controller.core.devices import INITIAL_PULSE, Memory
 from controller.core.expr import Bit, Expr, Not, evaluate
 from controller.program.operator.commands import ARM_OUTPUTS
+from controller.program.operator.next_press import NextPress
 from controller.program.requirements.safety import Safety
+from controller.program.states import State
 from controller.program.tags import FULL, IN_PLACE, ROWS, SIDES, TAKEN, Side
 from tests.controller.verify.proof_rig import MACHINE, SOUND, TAGS
 
@@ -170,6 +172,16 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
         ),
         Case("homing before the constants are confirmed", "unconfirmed entered_resetting", "entered_resetting"),
     ],
+    "no line names a key that is refused": [
+        Case("a refused key named", "stopped names_home stop", "stop"),
+        Case("a refused key named", "stopped names_home constants_open", "constants_open"),
+        Case("a refused key named", "stopped names_home stop", "names_home"),
+        Case("a refused key named", "stopped names_home stop", "refused_now"),
+        *(
+            Case("a refused key named", "stopped names_full_tray tray_asked tray_front_edge motion", turned)
+            for turned in ("tray_asked", "motion", "stopped")
+        ),
+    ],
     "one arm at least is in service": [
         Case("both arms out of service", "left.out_of_service right.out_of_service", f"{side}.out_of_service")
         for side in SIDES
@@ -210,6 +222,9 @@ def machine_facts() -> dict[str, Expr]:
         "jog_lease_over": machine.t_jog_lease.done,
         "first_scan": Bit("M", INITIAL_PULSE),
         "emergency_stop": TAGS.x.emergency_stop,
+        "stop": TAGS.x.stop,
+        "refused_now": TAGS.machine.refused_now,
+        "constants_open": TAGS.machine.constants_open,
         "link_lost": system.link_lost,
         "scan_fault": system.scan_fault,
         "outputs_taken": system.outputs_taken,
@@ -262,6 +277,12 @@ def situation(on: set[str], side: Side) -> Memory:
                 here.set_true(arm.row_is[3])
             case "arms_may_meet":
                 words[TAGS.sp.arms_may_meet.number] = 1
+            case "stopped":
+                words[TAGS.machine.state.number] = State.STOPPED
+            case "names_home":
+                words[TAGS.machine.next_press.number] = NextPress.HOME
+            case "names_full_tray":
+                words[TAGS.machine.next_press.number] = NextPress.ANSWER_FULL_TRAY
             case "jog":
                 words[TAGS.machine.jog.number] = 1
             case "other_in_centre":

@@ -7,12 +7,14 @@ the reason and counted. Jogs use a separate connection (`jog`).
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from controller.core.clock import Clock
+from controller.core.expr import Bit, Word
 from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmRefusalError
 from controller.hmi.access import status_registers as status
 from controller.hmi.modbus.fx3u_map import coil_address, register_address
@@ -27,7 +29,7 @@ from controller.hmi.panel.orders.session import MOMENTARY, BrowserSession, Order
 from controller.io.pace import FASTEST, FLAT_OUT
 from controller.program.machine import Transplanter
 from controller.program.operator.commands import Command
-from controller.program.operator.next_press import refused_press_text
+from controller.program.operator.next_press import refused_text, what_to_do
 from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.texts.operator import Text
@@ -160,35 +162,41 @@ class OrderHandler:
         if command.bit in self._tags.commands.jog.values():
             raise OrderRefusedError.because("jog only")
         async with self._signed(level):
-            before = (await self._refusal())[2]
+            before = (await self._refusal())[self._tags.machine.refusals]
             await self._connection.write_bit(coil_address("M", command.bit.number), True)
             return await self._outcome(command, before)
 
     async def _outcome(self, command: Command, before: int) -> Text:
         """Wait until the program has executed or refused the command, and return the reply."""
+        machine = self._tags.machine
         ends_ms = self._clock.now_ms() + OUTCOME_MS
         first: int | None = None
         while self._clock.now_ms() < ends_ms:
             low, high = await self._connection.read_words(register_address("R", 0), 2)
             scans = low | high << 16
-            refused, reason, refusals, press = await self._refusal()
+            fresh = await self._refusal()
+            refused, reason, refusals = (fresh[word] for word in (machine.refused, machine.refusal, machine.refusals))
             if refusals != before and refused == command.number and reason in set(Refusal):
-                mode = self._mirror.memory.word("D", self._tags.machine.mode.number)
-                raise OrderRefusedError(refused_press_text(command, Refusal(reason), press, mode))
+                line = what_to_do(self._tags, self._alarms.values(), partial(self._value, fresh))
+                raise OrderRefusedError(refused_text(command, Refusal(reason), line))
             first = scans if first is None else first
             if (scans - first) % (1 << 32) >= OUTCOME_SCANS:
                 return reply_text("done")
             await asyncio.sleep(OUTCOME_POLL_MS / 1_000)
         return reply_text("not yet")
 
-    async def _refusal(self) -> list[int]:
-        """Return the numbers of the last refused command and its reason, of refusals, and of the next press."""
+    async def _refusal(self) -> dict[Bit | Word, int]:
+        """Return the registers of the last refused command and of what to do now."""
         machine = self._tags.machine
-        words = (machine.refused, machine.refusal, machine.refusals, machine.next_press)
+        words = (machine.refused, machine.refusal, machine.refusals, machine.next_press, machine.first_out)
         first = min(word.number for word in words)
         count = max(word.number for word in words) - first + 1
         read = await self._connection.read_words(register_address("D", first), count)
-        return [read[word.number - first] for word in words]
+        return {word: read[word.number - first] for word in words}
+
+    def _value(self, fresh: Mapping[Bit | Word, int], device: Bit | Word) -> int:
+        """Return the value of a device, which has just been read or is in the mirror."""
+        return fresh[device] if device in fresh else self._mirror.memory.word(device.kind, device.number)
 
     async def _set(self, order: messages.SetOrder, level: AccessLevel) -> Text:
         set_points = self._tags.sp

@@ -2,7 +2,7 @@
 
 import { app } from "./app.js";
 import { draw, make, refill, write } from "./dom.js";
-import { section } from "./parts.js";
+import { isolation, section } from "./parts.js";
 import { labelled, list, localized, note, sentence, t } from "./texts.js";
 
 const PICTURE = "/machine.svg";
@@ -67,11 +67,6 @@ function causeItem(cause) {
     make("p", { class: "why", text: list(concerned) }),
     make("p", { text: labelled(t("alarms.check"), localized(cause.look)) }),
     cause.reach === null ? null : make("p", { class: "reach", text: localized(cause.reach) }));
-}
-
-function isolation() {
-  return make("div", { class: "isolation", "data-part": "isolation" }, make("h3", { text: t("alarms.isolation") }),
-    make("ol", {}, ...app.describe.isolation.map((step) => make("li", { text: localized(step) }))));
 }
 
 /** Return the picture without its words, which are English: terminals and row numbers remain. Null if it cannot be loaded. */

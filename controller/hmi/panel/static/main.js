@@ -14,6 +14,7 @@ import { StepsPage } from "./steps.js";
 import { TrendsPage } from "./trends.js";
 import { releaseAll } from "./controls.js";
 import { make, mark, refill, write } from "./dom.js";
+import { isolation } from "./parts.js";
 import { chooseLanguage, language, localized, sentence, t, useTexts } from "./texts.js";
 
 const EXECUTE = 6;
@@ -51,6 +52,7 @@ class PanelFrame {
     this.reason = make("span", { class: "state-reason", "data-fact": "reason" });
     this.mode = make("span", { class: "mode", "data-fact": "mode" });
     this.next = make("span", { class: "next-press", "data-fact": "next-press" });
+    this.isolation = make("details", { class: "isolate", "data-part": "isolate" }, make("summary", { text: t("isolate.steps") }), isolation());
     this.linkLamp = make("span", { class: "link-lamp", "data-fact": "link" });
     this.stale = make("p", { class: "strip stale", role: "alert", "data-part": "stale" });
     this.paused = make("p", { class: "strip paused", role: "status", "data-part": "paused" });
@@ -61,7 +63,7 @@ class PanelFrame {
     this.tabs = Object.keys(PAGES).map((name) => this.#tab(name));
     this.main = make("main", { id: "page", role: "tabpanel" });
     refill(document.getElementById("panel"), this.#header(),
-      make("div", { class: "always" }, make("header", { class: "machine" }, this.state, this.reason, this.mode, this.next),
+      make("div", { class: "always" }, make("header", { class: "machine" }, this.state, this.reason, this.mode, this.next, this.isolation),
         this.stale, this.paused, this.field, this.forced, this.banner.node),
       make("div", { class: "tabs", role: "tablist", "aria-label": t("tabs"), on: { keydown: (event) => this.#selectByKey(event) } }, ...this.tabs),
       this.main, this.noticeLine);
@@ -140,6 +142,7 @@ class PanelFrame {
     mark(this.state, "data-state", machine.state);
     write(this.next, `→ ${sentence(localized(machine.next))}`);
     this.next.hidden = machine.next_press === 0;
+    this.isolation.hidden = !machine.next.isolate;
   }
 
   #strip(node, text) {

@@ -1,8 +1,9 @@
-// Components shared by several pages: titled section, command button, list of values.
+// Components shared by several pages: titled section, command button, isolation, list of values.
 
+import { app } from "./app.js";
 import { OrderButton } from "./controls.js";
 import { make, write } from "./dom.js";
-import { named, t } from "./texts.js";
+import { localized, named, t } from "./texts.js";
 
 /** Return a titled section of a page. */
 export function section(key, ...children) {
@@ -14,6 +15,12 @@ export function commandButton(command, options = {}) {
   return new OrderButton(named(`command.${command.name}`, command.text), { type: "command", command: command.name }, {
     command: command.name, data: { "data-command": command.name }, ...options,
   });
+}
+
+/** Return the steps of the isolation of the machine before a hand enters it. */
+export function isolation() {
+  return make("div", { class: "isolation", "data-part": "isolation" }, make("h3", { text: t("alarms.isolation") }),
+    make("ol", {}, ...app.describe.isolation.map((step) => make("li", { text: localized(step) }))));
 }
 
 /** List of names and values. */

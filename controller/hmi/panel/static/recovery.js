@@ -4,7 +4,7 @@ import { app } from "./app.js";
 import { OrderButton } from "./controls.js";
 import { make, refill, write } from "./dom.js";
 import { localized, named, sentence, t } from "./texts.js";
-import { Facts, commandButton, section } from "./parts.js";
+import { Facts, commandButton, isolation, section } from "./parts.js";
 
 const WAYS_OUT = ["clear", "reset", "start", "unhold"];
 
@@ -20,9 +20,10 @@ export class RecoveryPage {
     this.rows = buttons(names("rows"));
     this.service = buttons(names("service"));
     this.next = make("p", { class: "big-state", "data-fact": "next" });
+    this.isolation = isolation();
     this.questions = make("div", {});
     this.node = make("div", { class: "column" },
-      section("recovery.next", this.next, this.facts.node, orders(this.ways)),
+      section("recovery.next", this.next, this.isolation, this.facts.node, orders(this.ways)),
       section("recovery.questions", this.questions),
       section("recovery.discard", make("p", { text: t("recovery.discard_about") }), orders(this.discards)),
       section("recovery.part_filled", make("p", { text: t("recovery.part_filled_about") }), orders(this.rows)),
@@ -32,6 +33,7 @@ export class RecoveryPage {
   update(view) {
     const { machine } = view;
     write(this.next, sentence(localized(machine.next)));
+    this.isolation.hidden = !machine.next.isolate;
     this.facts.write("state", localized(app.describe.states[machine.state]));
     this.facts.write("mode", sentence(localized(app.describe.modes[machine.mode])));
     this.facts.write("reason", sentence(localized(app.describe.reasons[machine.reason])) || t("none"));

@@ -17,8 +17,8 @@ from controller.program.machine import Transplanter
 from controller.program.operator.commands import JOGGED, Command
 from controller.program.set_points import CUPS
 from controller.program.tags import ROWS, SIDES
-from controller.program.texts.alarms.help import ISOLATION
 from controller.program.texts.alarms.locations import LOCATIONS
+from controller.program.texts.isolation import ISOLATION
 from controller.program.texts.operator import LANGUAGES, MODES, QUESTIONS, REASONS, STATES, Text
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 

@@ -15,9 +15,11 @@ from controller.hmi.panel.orders.jog import Jogging
 from controller.hmi.panel.orders.session import obstacle_text
 from controller.hmi.panel.view.jogs import jog_obstacle
 from controller.program.machine import Transplanter
-from controller.program.operator.next_press import press_text, refused_press_text
+from controller.program.operator.next_press import NextPress, refused_text, what_to_do
 from controller.program.operator.refusals import Refusal
 from controller.program.tags import ROWS, SIDES, Side
+from controller.program.texts.isolation import begins_with_isolation
+from controller.program.texts.next_press import NEXT_PRESSES
 from controller.program.texts.operator import Text
 
 Json = dict[str, Any]
@@ -109,7 +111,7 @@ class ViewBuilder:
             "trays_done": self._read(machine.trays_done),
             "refusals": self._read(machine.refusals),
             "refusal": self._refusal(),
-            "next": in_both(press_text(self._read(machine.next_press), self._read(machine.mode))),
+            "next": self._line(),
             "next_press": self._read(machine.next_press),
             "rows_left": self._read(machine.rows_left),
             "time_ms": self._mirror.long(status.R_TIME_MS),
@@ -127,8 +129,12 @@ class ViewBuilder:
         command, reason = self._by_number.get(self._read(machine.refused)), self._read(machine.refusal)
         if command is None or reason not in set(Refusal):
             return None
-        press, mode = self._read(machine.next_press), self._read(machine.mode)
-        return in_both(refused_press_text(command, Refusal(reason), press, mode))
+        return in_both(refused_text(command, Refusal(reason), what_to_do(self._tags, self._machine.alarms, self._read)))
+
+    def _line(self) -> Json:
+        """Return the line that says what to do now, and whether it sends a hand into the machine."""
+        line = what_to_do(self._tags, self._machine.alarms, self._read) or NEXT_PRESSES[NextPress.NONE]
+        return {**in_both(line), "isolate": begins_with_isolation(line)}
 
     def _arm(self, side: Side) -> Json:
         arm = self._tags.arms[side]

@@ -196,6 +196,7 @@ _ALARMS: Final = {
     "alarms.help": Text("Help", "报警帮助"),
     "alarms.help_close": Text("Close help", "关闭帮助"),
     "alarms.causes": Text("Likely causes, in the order in which to look", "可能原因（按检查顺序）"),
+    "isolate.steps": Text("How to isolate", "断电断气步骤"),
     "alarms.isolation": Text("Isolation of the machine", "机器断电断气步骤"),
     "alarms.picture": Text(
         "Plan view of the machine; the numbers are those of the causes", "机器俯视图，编号为原因序号"

@@ -1,29 +1,13 @@
-"""Types of the alarm texts: message, meaning and causes; and the isolation before a hand enters the machine."""
+"""Types of the alarm texts: message, meaning and causes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from controller.common.declarations import DeclarationError
+from controller.program.texts.isolation import ISOLATE_FIRST
 from controller.program.texts.operator import Text
-
-ISOLATE_FIRST: Final = Text("Isolate first.", "先断电断气并上锁。")
-"""Beginning of every text that sends a hand into the machine."""
-
-ISOLATION: Final = (
-    Text(
-        "Press the emergency stop. Stopped, Held and Suspended are not sufficient.",
-        "按下急停。停止、保持和暂挂均不足以保证安全。",
-    ),
-    Text("Disconnect power and air, and lock both.", "切断电源和气源，并分别上锁。"),
-    Text(
-        "Vent the cylinders and the claw reservoir; secure raised lifts mechanically.",
-        "排空各气缸和夹爪储气罐；用机械方式固定已升起的臂。",
-    ),
-    Text("Stop the tractor, so that the ground wheel does not drive the cups.", "停下拖拉机，使地轮不带动苗杯。"),
-)
-"""Steps of the isolation, in order; docs/safety.md contains the same steps."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,9 +23,10 @@ from controller.program.alarms.guide import likely_causes
 from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.operator.next_press import NextPress
 from controller.program.states import Mode, State
-from controller.program.texts.alarms.help import ISOLATION
 from controller.program.texts.interlocks import RULES
-from controller.program.texts.operator import CANNOT, MODES, NEXT_PRESSES, STATES
+from controller.program.texts.isolation import ISOLATION
+from controller.program.texts.next_press import NEXT_PRESSES
+from controller.program.texts.operator import CANNOT, MODES, STATES
 from plant_sim.crop.seedling import Location
 from tests.controller.hmi.panel.panel_page_rig import PASSWORDS, SCAN_MS, LiveMachine, PanelProcess
 from tests.controller.hmi.panel.test_chinese import CHINESE, latin_words, punctuation_errors

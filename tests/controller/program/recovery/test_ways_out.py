@@ -12,10 +12,11 @@ from controller.events.production import ModeEvent, RefusalEvent, StateEvent
 from controller.iomap.loader import IoMap
 from controller.program.operator.answers import Question
 from controller.program.operator.commands import ARM_OUTPUTS
-from controller.program.operator.next_press import NextPress, press_text
+from controller.program.operator.next_press import NextPress
 from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import FULL, IN_DOUBT, ROWS, SIDES, TAKEN, Side
+from controller.program.texts.next_press import NEXT_PRESSES
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import begin_homing, home_again, press_emergency_stop, questions
 from tests.controller.program.modes.hands import jog_command, stop, to_manual
@@ -23,7 +24,7 @@ from tests.plant_sim.twin.routes import BRISK, run_to
 from tests.plant_sim.twin.twin_rig import MACHINE, TRAY_MS, other_side, switched_on, tags_of
 from tests.wiring import wired
 
-PRESSES = {press_text(press, Mode.CONTINUOUS).en: press for press in NextPress} | {"": NextPress.NONE}
+PRESSES = {NEXT_PRESSES[press].en: press for press in NextPress} | {"": NextPress.NONE}
 HELD_MS = 2_300
 """Duration of a press that answers, ms; 2 to 10 s are required."""
 
