@@ -25,6 +25,7 @@ from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.telemetry import Telemetry, load_tags
 from controller.hmi.panel.orders.login import Users, is_loopback
 from controller.hmi.panel.web.app import PanelApplication, Sources, application
+from controller.program.texts.operator import LANGUAGES
 
 LONGEST_MESSAGE: Final = 4_096
 PING_S: Final = 5.0
@@ -61,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="names",
         help="additional host name of the panel in browsers; may be repeated",
     )
+    parser.add_argument(
+        "--language",
+        choices=LANGUAGES,
+        default=None,
+        help="language of the page until its user selects one (default: the language of the browser)",
+    )
     parser.add_argument("--users", type=Path, default=Path("var/panel-users.json"), help="password file")
     add_io_map(parser)
     parser.add_argument("--allow-remote", action="store_true", help="permit an address that other computers can reach")
@@ -86,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
     telemetry = None
     if tags is not None:
         telemetry = Telemetry(_connection("--telemetry", options.telemetry)(), tags, clock)
-    sources = Sources(machine, connect, telemetry, HistoryReader(options.history), clock)
+    sources = Sources(machine, connect, telemetry, HistoryReader(options.history), clock, options.language)
     with _listening(options.host, options.port) as listener:
         asyncio.run(_serve(sources, users, listener, options))
     return 0

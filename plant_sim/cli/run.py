@@ -51,7 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--panel-port", type=int, default=8080, help="port of the web panel; 0 = any free port")
     parser.add_argument("--no-panel", action="store_true", help="do not start the web panel")
     parser.add_argument("--keep", action="store_true", help="continue to serve after the report, until Ctrl-C")
-    parser.add_argument("--language", choices=("en", "zh"), default="en", help="language of the controller's texts")
+    parser.add_argument(
+        "--language",
+        choices=("en", "zh"),
+        default=None,
+        help="language of the controller's texts and of the panel's page (default: en, and on the page that of the "
+        "browser)",
+    )
     add_fault_arguments(parser)
     add_record_argument(parser)
 
@@ -140,7 +146,7 @@ def _fast(options: argparse.Namespace) -> int:
             parameters=machine,
             faults=faults,
             record=options.record,
-            prepare=show_progress(view, options.trays, options.language),
+            prepare=show_progress(view, options.trays, options.language or "en"),
         )
     print(report.text())
     return _exit_code(report)

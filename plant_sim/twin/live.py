@@ -72,6 +72,8 @@ class LiveOptions:
     """Options of a live run.
 
     Attributes:
+        language: Language of the controller's texts and of the panel's page; None = English, and on the page that of
+            the browser.
         hmi_port: Port of the controller's Modbus server; 0 = any free port.
         panel_port: Port of the panel's page; 0 = any free port, None = no panel.
         real_time: True to follow the wall clock.
@@ -86,7 +88,7 @@ class LiveOptions:
     port: int
     io_map: Path
     machine: Path
-    language: str
+    language: str | None = None
     faults: tuple[str, ...] = ()
     record: Path | None = None
     hmi_port: int = 5021
@@ -140,7 +142,7 @@ def _serve(o: LiveOptions, common: Sequence[str]) -> list[str]:
 def _control(o: LiveOptions, common: Sequence[str], folder: Path) -> list[str]:
     """Return the command line of the controller."""
     control = ["controller", "run", *common, "--retain", str(folder / "retentive.json"), "--events", "json"]
-    control += ["--no-console", "--language", o.language, "--hmi-port", str(o.hmi_port), "--allow-forcing"]
+    control += ["--no-console", "--language", o.language or "en", "--hmi-port", str(o.hmi_port), "--allow-forcing"]
     control += ["--scan-ms", str(SCAN_MS)]
     if not o.real_time:
         control += ["--simulated-time", "--pace", str(o.pace), "--timeout-ms", str(LOCK_STEP_TIMEOUT_MS)]
@@ -170,6 +172,7 @@ def _panel(o: LiveOptions, folder: Path, port: int, hmi_port: int) -> list[str]:
         f"{o.host}:{o.port}",
         "--telemetry-tags",
         str(tags),
+        *(() if o.language is None else ("--language", o.language)),
     ]
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from scripts.foreign_files import FOLDER as FOREIGN_FILES
 from tests.paths import ROOT
 from tests.suite import damages
 from tests.suite.damages import Damage, Result, comparison, draw, judge, nearest_first, read_results
@@ -225,6 +226,7 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SourceCopy:
         (tmp_path / "checkout" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "checkout" / name).write_text(text, encoding="utf-8")
     (tmp_path / "checkout/tests/node/node_modules/client").mkdir(parents=True)
+    (tmp_path / "checkout" / FOREIGN_FILES).mkdir(parents=True)
     monkeypatch.setattr("tests.suite.planting.tracked", lambda checkout: names)
     return SourceCopy(tmp_path / "copy", tmp_path / "checkout")
 
@@ -235,6 +237,7 @@ def test_a_planted_damage_is_detected_and_removed(copy: SourceCopy) -> None:
     tests = ("tests/test_half.py", "tests/test_second.py")
     assert copy.run(tests, 60).passed
     assert (copy.root / "tests/node/node_modules/client").is_dir()
+    assert (copy.root / FOREIGN_FILES).is_dir()
     with copy.planted("controller/half.py", "def half(x):\n    return x * 2\n"):
         outcome = copy.run(tests, 60)
     assert (outcome.code, outcome.detected_by) == (1, "tests/test_half.py::test_half")

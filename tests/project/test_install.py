@@ -27,6 +27,8 @@ DIST_INFO = f"seedling_transplanter-{PROJECT['version']}.dist-info"
 PACKAGES = ("controller", "plant_sim")
 SCRIPTS = ("transplanter-controller", "transplanter-plant")
 DATA = {
+    "controller/hmi/panel/static/foreign/noto-sans-sc-400.woff2",
+    "controller/hmi/panel/static/foreign/noto-sans-sc.LICENSE.txt",
     "controller/hmi/panel/static/index.html",
     "controller/hmi/panel/static/main.js",
     "controller/hmi/panel/static/panel.css",
@@ -170,6 +172,7 @@ def test_the_metadata_is_complete(distributions: Distributions) -> None:
     header = text.partition("\n\n")[0]
     for name in ("Author", "Keywords", "License-Expression", "License-File", "Classifier", "Requires-Python"):
         assert re.search(f"^{name}: .", header, re.MULTILINE), name
+    assert "\nLicense-Expression: MIT AND OFL-1.1\n" in header, "the wheel contains a font"
     extras = set(re.findall(r"^Provides-Extra: (.*)$", header, re.MULTILINE))
     assert extras == set(PROJECT["optional-dependencies"])
     assert set(EXTRAS.values()) <= extras

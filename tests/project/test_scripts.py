@@ -32,8 +32,11 @@ case "$*" in
         mkdir -p .venv/bin
         for name in python python3 ruff mypy lint-imports pytest; do cp "$0" ".venv/bin/$name"; done
         ;;
+    *"scripts/foreign_files.py --check") [[ ! -e "${LOG%/*}/new text" ]] || exit 1 ;;
     "-m pip install"*)
-        echo "pip ${*: -1}" >>"$LOG"
+        [[ -n ${PIP_FAILS:-} ]] || rm -f "${LOG%/*}/new text"
+        [[ $* == *" --no-deps "* ]] && alone=" alone"
+        echo "pip${alone:-} ${*: -1}" >>"$LOG"
         if [[ -p ${GATE:-} ]]; then cat "$GATE"; fi
         exit "${PIP_FAILS:-0}"
         ;;
@@ -156,6 +159,22 @@ def test_a_changed_pyproject_is_installed_again(machine: Machine) -> None:
         file.write("# one more line\n")
     assert machine.setup("dev") == ["pip .[dev]", "npm"]
     assert machine.setup("dev") == []
+
+
+@pytest.mark.parametrize("extra", ["dev", "plant"])
+def test_the_font_is_made_again_for_a_new_text(machine: Machine, extra: str) -> None:
+    machine.setup(extra)
+    (machine.log.parent / "new text").touch()
+    assert machine.setup(extra) == ["pip alone ."], "without the dependencies"
+    assert machine.setup(extra) == []
+
+
+def test_a_font_that_cannot_be_made_is_reported_and_tried_again(machine: Machine) -> None:
+    machine.setup("plant")
+    (machine.log.parent / "new text").touch()
+    code, _, errors = machine.run("scripts/run", PIP_FAILS="1")
+    assert (code, errors.splitlines()[-1]) == (2, "scripts/setup: pip failed (see above); the next run tries again")
+    assert machine.setup("plant") == ["pip alone ."]
 
 
 def test_deleted_npm_packages_are_installed_again(machine: Machine) -> None:

@@ -17,6 +17,7 @@ from tempfile import TemporaryFile
 from time import perf_counter
 from typing import Final
 
+from scripts.foreign_files import FOLDER as FOREIGN_FILES
 from tests.machine_code import give_machine_code
 from tests.suite.dependencies import tracked
 
@@ -56,7 +57,7 @@ class Outcome:
 
 
 class SourceCopy:
-    """Copy of the files of a checkout that git does not ignore.
+    """Copy of the files of a checkout that git does not ignore, and of those made by its build.
 
     Byte code is stored with a checksum of its source instead of its modification time, because a damaged and a restored
     file of the same size and time would share the latter. Machine code is cached beside the copy, which at first has
@@ -79,6 +80,8 @@ class SourceCopy:
             installed = checkout / name.replace("package.json", "node_modules")
             if target.name == "package.json" and installed.is_dir():
                 target.with_name("node_modules").symlink_to(installed.resolve())
+        if (checkout / FOREIGN_FILES).is_dir():
+            shutil.copytree(checkout / FOREIGN_FILES, self.root / FOREIGN_FILES)
         for arguments in (("init", "--quiet"), ("add", "--all"), ("commit", "--quiet", "--message", "Copy")):
             subprocess.run(["git", *_IDENTITY, *arguments], cwd=self.root, check=True, capture_output=True)
         give_machine_code(self.root / "plant_sim", self._machine_code)

@@ -1,12 +1,18 @@
-"""Signal handling of the live run, tested without starting processes."""
+"""Signals and options of the live run, tested without starting processes."""
 
 from __future__ import annotations
 
+import argparse
 import signal
+from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
 from controller.common.stop_request import SIGNALS, StopRequest
+from plant_sim.cli.run import add_arguments
+from plant_sim.twin import live
+from plant_sim.twin.live import LiveOptions
 from plant_sim.twin.process import Interrupts
 
 
@@ -61,3 +67,22 @@ def test_a_repeated_signal_after_the_run_does_not_interrupt_its_end() -> None:
     finally:
         for number, handler in zip(SIGNALS, before, strict=True):
             signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("given", "controller", "panel"),
+    [((), "en", []), (("--language", "zh"), "zh", ["zh"]), (("--language", "en"), "en", ["en"])],
+)
+def test_the_language_is_passed_on_to_the_controller_and_if_given_to_the_panel(
+    tmp_path: Path, given: tuple[str, ...], controller: str, panel: list[str]
+) -> None:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    options = parser.parse_args(given)
+    run = LiveOptions(1, 1, "127.0.0.1", 5020, options.io_map, options.machine, options.language)
+    assert language(live._control(run, [], tmp_path)) == [controller]
+    assert language(live._panel(run, tmp_path, 8080, 5021)) == panel
+
+
+def language(command: list[str]) -> list[str]:
+    return [value for name, value in pairwise(command) if name == "--language"]

@@ -57,7 +57,7 @@ export class LineChart {
     this.canvas.height = Math.round(HEIGHT * ratio);
     const pen = this.canvas.getContext("2d");
     pen.scale(ratio, ratio);
-    pen.font = "11px sans-serif";
+    pen.font = `11px ${window.getComputedStyle(this.canvas).fontFamily}`;
     const scale = this.#scale();
     if (scale === null) return;
     const x = (time) => LEFT + ((time - this.range[0]) / (this.range[1] - this.range[0])) * (width - LEFT - RIGHT);

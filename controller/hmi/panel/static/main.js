@@ -45,7 +45,6 @@ class PanelFrame {
     this.page?.closed?.();
     this.page = null;
     document.title = t("title");
-    chooseLanguage(language());
     this.login = new Login(() => this.changed());
     this.banner = new AlarmBanner(() => this.open("alarms"));
     this.state = make("strong", { class: "state", "data-fact": "state" });
@@ -189,7 +188,7 @@ async function start(panel = null) {
     window.setTimeout(() => void start(panel), RETRY_MS);
     return;
   }
-  useTexts(description.texts);
+  useTexts(description);
   if (description.states === undefined) {
     const login = new Login(() => void start());
     refill(document.getElementById("panel"), login.dialog);

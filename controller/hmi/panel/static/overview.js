@@ -8,7 +8,7 @@ import { Mimic } from "./mimic.js";
 import { RowStrips } from "./row.js";
 import { make, mark } from "./dom.js";
 import { Facts, commandButton, section } from "./parts.js";
-import { fixed, labelled, list, named, note, seconds, t } from "./texts.js";
+import { clampForce, fixed, labelled, list, named, note, seconds, t } from "./texts.js";
 
 const SIDES = ["left", "right"];
 const CLAMP_HIGHEST_N = 40;
@@ -108,10 +108,9 @@ class ArmCard {
     const angle = devices.claws.mm ?? (devices.claws.place === "closed" ? -10 : 30);
     this.bars.claws.update(angle, words(devices.claws, devices.claws.mm, "°"), devices.claws.look);
     this.bars.cups.update(facts.cup_count, String(facts.cup_count));
-    const clamp = measured(view, `${this.side}.clamp_n`);
-    this.clamp.node.hidden = clamp === null;
-    const force = Math.max(0, clamp); // the opening force clamps nothing
-    this.clamp.update(force, clamp === null ? "" : `${fixed(force, 1)} N`);
+    const force = clampForce(measured(view, `${this.side}.clamp_n`));
+    this.clamp.node.hidden = force === null;
+    this.clamp.update(force ?? 0, force === null ? "" : `${fixed(force, 1)} N`);
     const step = activeStep(view, this.steps);
     this.facts.write("step", step === null ? t("none") : `${step.s} ${named(`step.${step.title}`, step.title)}`);
     this.facts.write("row", facts.row ?? "–");

@@ -2,27 +2,37 @@
 
 const STORAGE_KEY = "panel-language";
 let table = {};
-let selected = storedLanguage();
+let selected = "en";
+let chosen = null; // by the user of this page
 
 function storedLanguage() {
   try {
-    return window.localStorage.getItem(STORAGE_KEY) ?? "en";
+    return window.localStorage.getItem(STORAGE_KEY);
   } catch {
-    return "en"; // storage is blocked: the selection is lost when the page closes
+    return null; // storage is blocked: the selection is lost when the page closes
   }
 }
 
-export function useTexts(texts) {
+/** Take the texts, and the language from the user's choice, else the server's option, else the browser's settings. */
+export function useTexts({ texts, languages, language: preset }) {
   table = texts;
+  const preferred = window.navigator.languages.map((tag) => tag.toLowerCase().split("-")[0]);
+  show([chosen, storedLanguage(), preset, ...preferred, "en"].find((name) => languages.includes(name)));
+}
+
+function show(name) {
+  selected = name;
+  document.documentElement.lang = name === "zh" ? "zh-CN" : name;
 }
 
 export function language() {
   return selected;
 }
 
+/** Show and store the user's choice. */
 export function chooseLanguage(name) {
-  selected = name;
-  document.documentElement.lang = name === "zh" ? "zh-CN" : name;
+  chosen = name;
+  show(name);
   try {
     window.localStorage.setItem(STORAGE_KEY, name);
   } catch {
@@ -92,6 +102,11 @@ export function wallClock(utcMs) {
 /** Return a number with a fixed number of decimals; a value that rounds to zero has no sign. */
 export function fixed(value, decimals) {
   return (Number(value.toFixed(decimals)) || 0).toFixed(decimals);
+}
+
+/** Return the force of a finger as clamp force: the opening force clamps nothing. */
+export function clampForce(force) {
+  return force === null ? null : Math.max(0, force);
 }
 
 /** Return ms as seconds with one decimal and the unit, or a dash if there is no value. */

@@ -3,7 +3,7 @@
 import { app, get } from "./app.js";
 import { LineChart } from "./chart.js";
 import { make, mark, write } from "./dom.js";
-import { t } from "./texts.js";
+import { clampForce, t } from "./texts.js";
 
 const FETCH_EVERY_MS = 1000;
 const SPANS_MIN = [1, 3, 10];
@@ -17,7 +17,7 @@ const CHARTS = [
   { key: "trends.slide", unit: "mm", series: bothSides("slide_mm") },
   { key: "trends.lift", unit: "mm", series: bothSides("lift_mm") },
   { key: "trends.spreader", unit: "mm", series: bothSides("spreader_mm") },
-  { key: "trends.clamp", unit: "N", series: bothSides("clamp_n") },
+  { key: "trends.clamp", unit: "N", series: bothSides("clamp_n"), read: clampForce },
   { key: "trends.success", unit: "%", series: [{ name: "S_pct", label: "series.success" }] },
   { key: "trends.cycle", unit: "ms", series: bothSides("cycle_ms") },
 ];
@@ -28,8 +28,9 @@ export class TrendsPage {
     this.names = [];
     this.spanMin = 3;
     this.fetching = null;
-    this.charts = CHARTS.map(({ key, unit, series }) => ({
+    this.charts = CHARTS.map(({ key, unit, series, read = (value) => value }) => ({
       series,
+      read,
       chart: new LineChart(t(key), series.map((one) => ({ ...one, label: t(one.label) })), unit, ago),
     }));
     this.spans = SPANS_MIN.map((n) => make("button", {
@@ -75,9 +76,9 @@ export class TrendsPage {
     const range = [last - 60_000 * this.spanMin, last];
     this.rows = this.rows.filter((row) => row[0] >= last - 60_000 * SPANS_MIN.at(-1));
     const shown = this.rows.filter((row) => row[0] >= range[0]);
-    for (const { series, chart } of this.charts) {
+    for (const { series, read, chart } of this.charts) {
       const columns = series.map(({ name }) => this.names.indexOf(name));
-      const values = columns.map((column) => shown.map((row) => (column === -1 ? null : row[column + 1] ?? null)));
+      const values = columns.map((column) => shown.map((row) => read(column === -1 ? null : row[column + 1] ?? null)));
       chart.node.hidden = values.every((one) => one.every((value) => value === null));
       chart.show(shown.map((row) => row[0]), values, range);
     }
@@ -86,5 +87,6 @@ export class TrendsPage {
 }
 
 function ago(time, range) {
-  return t("trends.ago", { s: Math.round((range[1] - time) / 1000) });
+  const s = Math.round((range[1] - time) / 1000);
+  return t(s === 0 ? "duration.s" : "trends.ago", { s });
 }

@@ -19,7 +19,7 @@ from controller.program.set_points import CUPS
 from controller.program.tags import ROWS, SIDES
 from controller.program.texts.alarms.locations import LOCATIONS
 from controller.program.texts.isolation import ISOLATION
-from controller.program.texts.operator import LANGUAGES, MODES, QUESTIONS, REASONS, STATES, Text
+from controller.program.texts.operator import LANGUAGES, MODES, QUESTIONS, REASONS, STATES, Language, Text
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
 GEOMETRY: Final = {
@@ -34,18 +34,26 @@ GEOMETRY: Final = {
 _TIME_BASES: Final = {" x10 ms": 10, " x100 ms": 100}
 
 
-def public() -> Json:
-    """Return the part of the description that the login dialog needs."""
-    return {"languages": list(LANGUAGES), "texts": {key: in_both(text) for key, text in TEXTS.items()}}
+def public(language: Language | None = None) -> Json:
+    """Return the part of the description that the login dialog needs.
+
+    Args:
+        language: Language of the page until the user selects one; None = that of the browser.
+    """
+    return {
+        "languages": list(LANGUAGES),
+        "language": language,
+        "texts": {key: in_both(text) for key, text in TEXTS.items()},
+    }
 
 
-def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
-    """Return the complete description."""
+def describe(machine: Transplanter, telemetry: Telemetry | None, language: Language | None = None) -> Json:
+    """Return the complete description; `language` as in `public`."""
     points = (*machine.io_map.inputs, *machine.io_map.outputs)
     devices = _alarmed_devices(machine)
     modes = {bit: int(mode) for mode, bit in machine.tags.commands.modes.items()}
     return {
-        **public(),
+        **public(language),
         "states": _numbered(STATES),
         "modes": _numbered(MODES),
         "reasons": _numbered(REASONS),

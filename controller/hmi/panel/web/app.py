@@ -47,7 +47,7 @@ from controller.hmi.panel.web.guard import Guard
 from controller.hmi.panel.web.sockets import BrowserSocket, ViewBroadcaster
 from controller.program.machine import Transplanter
 from controller.program.tags import SIDES
-from controller.program.texts.operator import Text
+from controller.program.texts.operator import Language, Text
 
 _log = logging.getLogger(__name__)
 
@@ -90,6 +90,7 @@ class Sources:
         telemetry: Telemetry source, if configured.
         history: Reader of the history; the file may not exist yet.
         clock: Clock of the panel.
+        language: Language of the page until its user selects one; None = that of the browser.
     """
 
     machine: Transplanter
@@ -97,6 +98,7 @@ class Sources:
     telemetry: Telemetry | None
     history: HistoryReader | None
     clock: Clock
+    language: Language | None = None
 
 
 class PanelApplication:
@@ -133,7 +135,7 @@ class PanelApplication:
         viewer = ViewBuilder(machine, self.mirror, self._jogging, telemetry, lambda: self._history_available)
         self._broadcaster = ViewBroadcaster(viewer, self._trends)
         self._metrics = Metrics(machine, self.mirror, self.operator, telemetry, lambda: self._broadcaster.browsers)
-        self._description = describe(machine, telemetry)
+        self._description = describe(machine, telemetry, sources.language)
 
     def level(self, connection: HTTPConnection) -> AccessLevel:
         """Return the access level of a client: that of its session, and at least VIEW on the local computer."""
@@ -219,7 +221,7 @@ class PanelApplication:
     async def describe(self, request: Request) -> Response:
         """Return the description for the page; before login, only the part that the login dialog needs."""
         if self.level(request) is AccessLevel.NONE:
-            return JSONResponse(public(), status_code=401)
+            return JSONResponse(public(self._sources.language), status_code=401)
         return JSONResponse(self._description)
 
     async def history(self, request: Request) -> Response:

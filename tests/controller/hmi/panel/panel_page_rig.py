@@ -200,9 +200,12 @@ class PanelProcess:
     Args:
         first_run: Whether no passwords have been set.
         slow: Whether the panel's jog lease is lengthened for a machine that `LiveMachine.slow` has slowed down.
+        options: Further options of the command line.
     """
 
-    def __init__(self, live: LiveMachine, folder: Path, *, first_run: bool = False, slow: bool = False) -> None:
+    def __init__(
+        self, live: LiveMachine, folder: Path, *options: str, first_run: bool = False, slow: bool = False
+    ) -> None:
         users = folder / "users.json"
         if not first_run and not users.exists():
             Users(users, CHEAP).set_first({"operate": PASSWORDS["operate"], "maintain": PASSWORDS["maintain"]})
@@ -222,6 +225,7 @@ class PanelProcess:
             str(folder / "history.sqlite"),
             "--users",
             str(users),
+            *options,
         ]
 
     def __enter__(self) -> Self:

@@ -198,7 +198,7 @@ def test_remote_clients_need_a_login(rig: PanelRig) -> None:
         assert rig.here.get(path).status_code in (200, 404), path
     described = remote.get("/api/describe")
     assert described.status_code == 401
-    assert set(described.json()) == {"languages", "texts"}
+    assert set(described.json()) == {"language", "languages", "texts"}
     assert remote.get("/api/me").json() == {"level": "none", "first_run": False}
     with pytest.raises(InvalidStatus):
         rig.socket(remote)
