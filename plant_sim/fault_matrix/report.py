@@ -53,13 +53,17 @@ COLUMNS = (
     "monitors",
     "findings",
 )
-SIZES_COLUMNS = COLUMNS[:-1]
+JUDGED = ("presses", "findings")
+"""Columns of faults with an expectation."""
+SIZES_COLUMNS = tuple(name for name in COLUMNS if name not in JUDGED)
 LEGEND = (
     "After the fault: minimum, median and maximum time. In its step: maximum time for which the timed-out step had",
     "been active, and its timeout. Lost: seedlings lost or left behind in excess of those of the undisturbed trial.",
+    "Harm: trials in which a monitor tripped. Silent harm: those of them without any signal until their end.",
+)
+PRESSES = (
     "Presses: most presses from a stop to Execute of an operator who follows only the line that says what to do now,",
     "without and with an isolation before the repair; in brackets, the most questions answered on the way.",
-    "Harm: trials in which a monitor tripped. Silent harm: those of them without any signal until their end.",
 )
 
 
@@ -156,14 +160,16 @@ def headline(rows: Sequence[MatrixRow]) -> str:
 
 def sizes_markdown(rows: Sequence[MatrixRow]) -> str:
     """Return the matrix of other sizes, which have no expectation, as Markdown."""
-    lines = markdown_table(HEADING[:-1], (row.cells()[:-1] for row in rows))
+    shown = [number for number, name in enumerate(HEADING) if name not in JUDGED]
+    cells = ([row.cells()[number] for number in shown] for row in rows)
+    lines = markdown_table([HEADING[number] for number in shown], cells)
     return "\n".join([headline(rows), "", *lines, "", *LEGEND, ""])
 
 
 def markdown(rows: Sequence[MatrixRow]) -> str:
     """Return the headline, the matrix, the limits of detection and the findings as Markdown."""
     lines = [headline(rows), "", *markdown_table(HEADING, (row.cells() for row in rows))]
-    lines += ["", *LEGEND]
+    lines += ["", *LEGEND, *PRESSES]
     notes = [f"- `{row.subject}`: {row.expected.note}" for row in rows if row.expected.note]
     if notes:
         lines += ["", "## Limits of detection", "", *notes]

@@ -13,8 +13,11 @@ from pathlib import Path
 import pytest
 from rich.progress import Progress
 
+from controller.core.expr import Word
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
+from controller.program.operator.next_press import NextPress
+from controller.program.states import State
 from controller.program.tags import SIDES
 from plant_sim.cli.faults import run_matrix
 from plant_sim.cli.main import main
@@ -24,6 +27,7 @@ from plant_sim.fault_matrix import expected as matrix_expected
 from plant_sim.fault_matrix.cases import Subject, subjects
 from plant_sim.fault_matrix.expected import EXPECTED, NO_ROW, Expectation, expectation
 from plant_sim.fault_matrix.first_signal import SUSPENSIONS, Signal
+from plant_sim.fault_matrix.following import Followed, follow
 from plant_sim.fault_matrix.judge import complaints
 from plant_sim.fault_matrix.report import COLUMNS, SIZES_COLUMNS, MatrixRow, headline, markdown, records, summary
 from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
@@ -222,7 +226,8 @@ def test_a_violation_is_accepted_only_where_it_is_expected() -> None:
 
 
 def test_the_table_contains_signal_times_and_losses() -> None:
-    later = replace(SOUND, signal=SIGNAL._replace(at_ms=29_000, in_step_ms=4_960), lost=2, in_doubt=12)
+    later = replace(SOUND, signal=SIGNAL._replace(at_ms=29_000, in_step_ms=4_960), lost=2, in_doubt=12, followed=[])
+    later.followed += [Followed(4, 0, (), ""), Followed(5, 1, (), "")]
     row = MatrixRow(subject_of(JAM), [SOUND, later, replace(SOUND, signal=None, state="COMPLETE", rounds=0)])
     assert row.cells() == (
         "`jammed:slide`",
@@ -235,6 +240,7 @@ def test_the_table_contains_signal_times_and_losses() -> None:
         "0 to 2",
         "0 to 12",
         "3 of 3",
+        "4 / 5 (1)",
         "-",
         "-",
         "-",
@@ -243,6 +249,42 @@ def test_the_table_contains_signal_times_and_losses() -> None:
     assert "- jammed:left.slide@20000ms..: 2 seedlings lost" in markdown([row]).splitlines()
     assert "None." in markdown([MatrixRow(subject_of(JAM), [SOUND])]).splitlines()
     assert summary([row], 3.0).splitlines()[0].startswith("1 faults, 3 trials: 2 with a signal, 3 recovered. Harm by 0")
+
+
+@pytest.mark.parametrize(
+    ("followed", "complaint"),
+    [
+        (Followed(4, 0, (NextPress.HOME,), ""), None),
+        (Followed(6, 1, (), ""), None),
+        (Followed(5, 0, (NextPress.CLEAR, NextPress.HOME), ""), "in 5 presses with 0 questions: CLEAR, HOME"),
+        (Followed(7, 1, (), ""), "in 7 presses with 1 questions: "),
+        (Followed(2, 0, (NextPress.START,), "START is refused"), "in 2 presses with 0 questions: START is refused"),
+    ],
+)
+def test_a_long_way_to_execute_is_a_finding(followed: Followed, complaint: str | None) -> None:
+    outcome = replace(SOUND, followed=[followed])
+    found = [each.removeprefix("the line leads to Execute ") for each in complaints(subject_of(JAM), outcome)]
+    assert found == ([] if complaint is None else [complaint])
+
+
+@pytest.mark.parametrize("isolated", [False, True], ids=["without isolation", "isolated"])
+def test_a_line_that_is_refused_or_leads_nowhere_is_told(isolated: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An operator who follows a wrong line to the letter is refused; the twin is afterwards as before."""
+    twin = TWO_TRAYS.twin()
+    twin.home()
+    twin.start()
+    twin.run_for(2_000)
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=30_000)
+    before = (twin.now_ms, twin.state, len(twin.events))
+    good = follow(twin, lambda: None, isolated=isolated)
+    assert (good.why, good.presses, good.questions) == ("", 4 if isolated else 2, 0)
+    assert good.lines[-2:] == (NextPress.HOME, NextPress.START)
+    assert (twin.now_ms, twin.state, len(twin.events)) == before
+    wrong = Word("D", 7_999, "wrong line", "")
+    twin.plc.write(wrong, NextPress.CLEAR)
+    monkeypatch.setattr(twin.machine.tags.machine, "next_press", wrong)
+    assert follow(twin, lambda: None, isolated=False).why.startswith("CLEAR is refused; ")
 
 
 def test_a_csv_line_equals_the_record() -> None:
@@ -305,7 +347,7 @@ def test_the_headline_counts_harm_and_silent_harm() -> None:
         "4 faults, 8 trials: 3 with a signal, 8 recovered. Harm by 3 faults in 6 trials; silent harm by 2 faults in 4 "
         "trials, 1 of these faults never signalled."
     )
-    assert [row.cells()[10:12] for row in rows] == [("1", "-"), ("2", "1"), ("3", "3"), ("-", "-")]
+    assert [row.cells()[11:13] for row in rows] == [("1", "-"), ("2", "1"), ("3", "3"), ("-", "-")]
     assert "\nsilent harm: jammed:slide, jammed:slide\n" in summary(rows, 3.0)
 
 

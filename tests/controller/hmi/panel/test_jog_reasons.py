@@ -106,7 +106,8 @@ def test_a_held_jog_moves_its_device_or_tells_why_not(rig: PanelRig, output: str
     with rig.browser("maintain") as browser:
         seen = []
         for _ in range(4):
-            assert jog(browser, output)["ok"] is True
+            reply = jog(browser, output)
+            assert reply["ok"], reply
             rig.for_scans(10)
             seen.append(browser.until(lambda view: view["jog"]["output"] == output)["jog"]["why"])
         browser.order(type="jog", output=output, hold=False)
