@@ -635,6 +635,8 @@ def test_a_tap_on_an_alarm_opens_its_help(stopped: Station, screen: Screen) -> N
     expect(shown).to_be_hidden()
     screen.find("[data-table=journal] [data-help='900']").first.click()
     expect(shown).to_be_visible()
+    screen.press("[data-banner=acknowledge]")
+    expect(screen.find("[data-banner=acknowledge]")).to_be_hidden()
     screen.open("overview")
     screen.press("[data-box=emergency_stop]")
     clear(screen, live)
