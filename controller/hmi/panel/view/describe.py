@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from controller.core.expr import Bit
 from controller.core.sequence import Sequence, Step
+from controller.events.alarm_load import MOST_IN_WINDOW
 from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
 from controller.hmi.panel.view.conditions import condition_text
 from controller.hmi.panel.view.state import Json, in_both
@@ -84,6 +85,7 @@ def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
             {"name": sequence.name, "steps": [_step(sequence, step) for _, step in sequence]}
             for sequence in machine.program.sequences()
         ],
+        "most_alarms": MOST_IN_WINDOW,
         "isolation": [in_both(step) for step in ISOLATION],
         "geometry": GEOMETRY,
         "telemetry": [] if telemetry is None else [_tag(tag) for tag in telemetry.tags],
