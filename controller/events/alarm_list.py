@@ -9,39 +9,19 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
 from typing import Final
 
 from controller.core.expr import Word, evaluate
 from controller.core.scan import Plc
-from controller.program.alarms.table import Alarm
-from controller.program.texts.alarms.handling import ALARM_REFUSALS, ALARM_STATES
+from controller.events.alarm_load import AlarmLoad, is_activation
+from controller.events.alarm_states import AlarmState
+from controller.program.alarms.table import Alarm, Severity
+from controller.program.texts.alarms.handling import ALARM_REFUSALS
 from controller.program.texts.operator import Language, Text
 
 LONGEST_SHELF_MS: Final = 8 * 3_600_000
 """Longest shelving time, ms: one shift, so that each shift makes its own decision."""
-
-
-class AlarmState(StrEnum):
-    """Alarm states of ISA-18.2 (docs/sources/fx2n.md 5).
-
-    *Latched* means that the cause has cleared and the annunciator has not yet been reset. The states "suppressed by
-    design" and "out of service" are not used: the alarm of an unwired point is never set and remains normal.
-    """
-
-    NORMAL = "normal"
-    UNACKNOWLEDGED = "unacknowledged"
-    ACKNOWLEDGED = "acknowledged"
-    RETURNED_UNACKNOWLEDGED = "returned_unacknowledged"
-    LATCHED_UNACKNOWLEDGED = "latched_unacknowledged"
-    LATCHED_ACKNOWLEDGED = "latched_acknowledged"
-    SHELVED = "shelved"
-
-    @property
-    def text(self) -> Text:
-        """Name of the state for the operator."""
-        return ALARM_STATES[self.value]
 
 
 _RANK: Final = {
@@ -103,6 +83,9 @@ class AlarmRow:
         alarm: Alarm with its texts.
         state: State; never normal.
         first_out: True if this alarm was the first to stop work in the current episode.
+        follows: Number of the first-out alarm whose consequence this alarm is, and under which it is folded; None if
+            it stands for itself.
+        activations: Number of activations within a minute up to the last one; see `AlarmLoad`.
         came_ms: Time of the last activation, ms; None if the alarm was shelved before its first activation.
         went_ms: Time at which the cause cleared, ms; None while the cause is present.
         acknowledged_ms: Time of the acknowledgement, ms; None if not acknowledged.
@@ -112,6 +95,8 @@ class AlarmRow:
     alarm: Alarm
     state: AlarmState
     first_out: bool
+    follows: int | None
+    activations: int
     came_ms: int | None
     went_ms: int | None
     acknowledged_ms: int | None
@@ -128,6 +113,8 @@ class _AlarmEntry:
         self.went_ms: int | None = None
         self.acknowledged_ms: int | None = None
         self.shelved_until_ms: int | None = None
+        self.follows: int | None = None
+        self.activations = 0
         self._set = False
         self._has_cause = False
         self._acknowledged = True  # a normal alarm does not need an acknowledgement
@@ -204,6 +191,7 @@ class AlarmList:
         self._actions: deque[Callable[[int], None]] = deque()
         self._listed: set[int] = set()
         self._first_out = 0
+        self._load = AlarmLoad()
         self._rows: tuple[AlarmRow, ...] = ()
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
@@ -212,6 +200,7 @@ class AlarmList:
         if not (active or self._listed or self._actions):
             return
         changed = False
+        first_out = plc.read(self._first_out_word)
         while self._actions:
             self._actions.popleft()(now_ms)
             changed = True
@@ -219,19 +208,26 @@ class AlarmList:
             entry = self._entries[number]
             if entry.update(now_ms, plc):
                 changed = True
+                if entry.came_ms == now_ms:
+                    entry.follows = first_out if first_out not in (0, number) and is_foldable(entry.alarm) else None
                 self._update_state(entry, now_ms)
         if changed:
             # the first-out alarm of an episode is retained after the reset, until the next episode starts
-            self._first_out = plc.read(self._first_out_word) or self._first_out
+            self._first_out = first_out or self._first_out
             self._rows = self._sorted_rows()
 
     def rows(self) -> tuple[AlarmRow, ...]:
         """Return the alarm list as of the last scan.
 
-        The first-out alarm is followed by the unacknowledged, the returned-to-normal unacknowledged, the acknowledged
-        and the shelved alarms; each group is sorted by severity.
+        The first-out alarm is followed by its consequences, then by the unacknowledged, the returned-to-normal
+        unacknowledged, the acknowledged and the shelved alarms; each group is sorted by severity.
         """
         return self._rows
+
+    @property
+    def load(self) -> AlarmLoad:
+        """Counter of the activations since the start."""
+        return self._load
 
     def acknowledge(self, number: int | None = None, *, by: str) -> None:
         """Acknowledge an alarm; no effect on an alarm that does not need an acknowledgement.
@@ -314,6 +310,8 @@ class AlarmList:
             self._listed.discard(number)
         else:
             self._listed.add(number)
+        if is_activation(before, entry.state):
+            entry.activations = self._load.announce(number, now_ms)
         text = getattr(alarm.text, self._language)
         self._report(AlarmChange(now_ms, number, alarm.key, before, entry.state, by, text, entry.shelved_until_ms))
 
@@ -323,6 +321,8 @@ class AlarmList:
                 entry.alarm,
                 entry.state,
                 number == self._first_out,
+                entry.follows if number != self._first_out and entry.follows in self._listed else None,
+                entry.activations,
                 entry.came_ms,
                 entry.went_ms,
                 entry.acknowledged_ms,
@@ -330,7 +330,19 @@ class AlarmList:
             )
             for number, entry in ((number, self._entries[number]) for number in self._listed)
         ]
-        return tuple(sorted(rows, key=lambda row: (not row.first_out, _RANK[row.state], *row.alarm.rank)))
+        return tuple(sorted(rows, key=self._position))
+
+    def _position(self, row: AlarmRow) -> tuple[bool, bool, int, int, int]:
+        """Return the sort key of a row."""
+        return not row.first_out, row.follows != self._first_out, _RANK[row.state], *row.alarm.rank
+
+
+def is_foldable(alarm: Alarm) -> bool:
+    """Return True if an alarm may be folded under the first-out alarm: a fault that stops work.
+
+    A safety alarm and a warning have actions of their own, so they are never folded.
+    """
+    return alarm.stops_work and alarm.severity is Severity.FAULT
 
 
 def _check_name(by: str) -> None:

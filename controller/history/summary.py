@@ -7,17 +7,13 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, date, datetime, timedelta
 from typing import Final
 
-from controller.events.alarm_list import AlarmState
+from controller.events.alarm_load import ACTIVE, STANDING_MS, AlarmLoad, is_activation
+from controller.events.alarm_states import AlarmState
 from controller.history.export import printable
 from controller.history.query import Record, RowSelection, integer, pages
 
 MIN_RATE_MS: Final = 600_000
 """Shortest recorded time for which an alarm rate is calculated, ms: the 10-minute interval of ISA-18.2."""
-
-_NEW: Final = (AlarmState.UNACKNOWLEDGED, AlarmState.LATCHED_UNACKNOWLEDGED)
-_LATCHED: Final = (AlarmState.LATCHED_UNACKNOWLEDGED, AlarmState.LATCHED_ACKNOWLEDGED)
-_CLEARED: Final = (AlarmState.NORMAL, AlarmState.RETURNED_UNACKNOWLEDGED)
-_ACTIVE: Final = (*_NEW, AlarmState.ACKNOWLEDGED, AlarmState.LATCHED_ACKNOWLEDGED)
 
 
 @dataclass(slots=True)
@@ -29,12 +25,16 @@ class AlarmTotal:
         text: Message of the alarm.
         count: Number of activations.
         active_ms: Total time for which the alarm was set and not shelved, counted from its activations on this day, ms.
+        chattering: Number of times at which it has begun to chatter.
+        standing: Number of activations that have lasted so long that it was a standing alarm.
     """
 
     number: int
     text: str
     count: int = 0
     active_ms: int = 0
+    chattering: int = 0
+    standing: int = 0
 
 
 @dataclass(slots=True)
@@ -52,6 +52,7 @@ class DayTotal:
         cycle_ms: Sum of the cycle times, ms.
         missed_cups: Number of cups missed, attributed to the next cycle of the arm; 0 for the first recorded cycle.
         alarms: Totals of the alarms by annunciator number.
+        most_in_ten_minutes: Largest number of activations within ten minutes.
     """
 
     run: int
@@ -64,6 +65,7 @@ class DayTotal:
     cycle_ms: int = 0
     missed_cups: int = 0
     alarms: dict[int, AlarmTotal] = field(default_factory=dict)
+    most_in_ten_minutes: int = 0
 
     @property
     def mean_cycle_ms(self) -> int | None:
@@ -92,12 +94,19 @@ class DayTotal:
             f"{self.day}  run {self.run}, {printable(self.program)} {printable(self.version)}",
             f"  recorded {self.recorded_ms / 3_600_000:.2f} h",
             f"  trays {self.trays}, cycles {self.cycles}{mean}, missed cups {self.missed_cups}",
-            f"  alarms {count}{rate}",
+            f"  alarms {count}{rate}, at most {self.most_in_ten_minutes} in 10 minutes",
             *(
                 f"    {alarm.number}  {alarm.count:>4} x  {alarm.active_ms / 1000:>9.1f} s  {printable(alarm.text)}"
+                f"{_load(alarm)}"
                 for _, alarm in sorted(self.alarms.items())
             ),
         ]
+
+
+def _load(alarm: AlarmTotal) -> str:
+    """Return how often an alarm chattered and stood, or "" if it did neither."""
+    counts = {"chattering": alarm.chattering, "standing": alarm.standing}
+    return "".join(f", {name} {count} x" for name, count in counts.items() if count)
 
 
 def summary(db: sqlite3.Connection, window: RowSelection) -> list[DayTotal]:
@@ -178,22 +187,30 @@ class _Summary:
     def _alarms(self) -> None:
         """Count activations and sum the times until they end; the end of a run ends all active alarms."""
         active: dict[tuple[int, int], tuple[int, AlarmTotal]] = {}
+        loads: dict[int, AlarmLoad] = {}
         for page in pages(self._db, "alarms", RowSelection()):
             for row in page:
                 before, after = AlarmState(str(row["before"])), AlarmState(str(row["after"]))
                 number, at_ms = integer(row, "number"), integer(row, "at_ms")
                 key = (integer(row, "run"), number)
-                if after not in _ACTIVE and key in active:
+                if after not in ACTIVE and key in active:
                     since_ms, alarm = active.pop(key)
-                    alarm.active_ms += at_ms - since_ms
-                is_new, becomes_active = _is_new(before, after), after in _ACTIVE and before not in _ACTIVE
+                    _add_active(alarm, at_ms - since_ms)
+                is_new, becomes_active = is_activation(before, after), after in ACTIVE and before not in ACTIVE
+                load = loads.setdefault(key[0], AlarmLoad())
+                chattered = load.chattered[number]
+                if is_new:
+                    load.announce(number, at_ms)
                 if (is_new or becomes_active) and self._window.contains(integer(row, "utc_ms")):
-                    alarm = self._total(row).alarms.setdefault(number, AlarmTotal(number, str(row["text"])))
+                    total = self._total(row)
+                    alarm = total.alarms.setdefault(number, AlarmTotal(number, str(row["text"])))
                     alarm.count += is_new
+                    alarm.chattering += load.chattered[number] - chattered
+                    total.most_in_ten_minutes = max(total.most_in_ten_minutes, load.recent(at_ms))
                     if becomes_active:
                         active[key] = (at_ms, alarm)
         for (run, _), (since_ms, alarm) in active.items():
-            alarm.active_ms += self._end_ms(run) - since_ms
+            _add_active(alarm, self._end_ms(run) - since_ms)
 
     def _end_ms(self, run: int) -> int:
         """Return the controller time of the last row of a run, ms."""
@@ -207,9 +224,10 @@ class _Summary:
         return self._last_at_ms[run]
 
 
-def _is_new(before: AlarmState, after: AlarmState) -> bool:
-    """Return True if a change is a new activation; the end of shelving is not one."""
-    return after in _NEW and (before in _CLEARED or (before in _LATCHED and after is AlarmState.UNACKNOWLEDGED))
+def _add_active(alarm: AlarmTotal, for_ms: int) -> None:
+    """Add a time for which an alarm was active."""
+    alarm.active_ms += for_ms
+    alarm.standing += for_ms >= STANDING_MS
 
 
 def _midnight_ms(day: date) -> int:

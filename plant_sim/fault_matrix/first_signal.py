@@ -1,4 +1,4 @@
-"""First signal of a fault: an alarm, or the reason for the Suspended state."""
+"""Signals of a fault: the first one, an alarm or the reason for the Suspended state, and the alarms that are listed."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from controller.core.expr import Bit
+from controller.core.expr import Bit, Word, leaves
 from controller.core.sequence import Sequence
+from controller.events.alarm_list import AlarmChange, AlarmList
 from controller.events.production import AlarmEvent, Event, StateEvent
 from controller.program.states import Reason, State
 from plant_sim.twin.lock_step import SCAN_MS, Twin
@@ -101,6 +102,47 @@ class FirstSignal:
                 in_step_ms = event.at_ms - self.entered_ms[number]
                 return Signal(alarm.key, alarm.side or "", event.at_ms, step, in_step_ms, limit_ms)
         return Signal(alarm.key, alarm.side or "", event.at_ms)
+
+
+class ListedAlarms:
+    """Observer of the operator's alarm list after the start of a fault.
+
+    Attributes:
+        folded: Alarms that have been folded under the first-out alarm.
+        beside: Alarms that have been listed beside another one instead of being folded under the first-out alarm.
+    """
+
+    def __init__(self, twin: Twin, from_ms: int) -> None:
+        """Initialise an observer that ignores the alarms of a twin before `from_ms`, ms."""
+        alarms = twin.machine.alarms
+        first_out = twin.machine.tags.machine.first_out
+        self.folded: set[str] = set()
+        self.beside: set[str] = set()
+        self._from_ms = from_ms
+        self._is_repaired = False
+        self._alarms = AlarmList(alarms, first_out, self._ignore)
+        causes = [device for alarm in alarms if alarm.cause is not None for device in leaves(alarm.cause)]
+        devices = (*(alarm.bit for alarm in alarms), first_out, *causes)
+        twin.watch(self._update, devices=[device for device in devices if isinstance(device, Bit | Word)])
+
+    @property
+    def most(self) -> int:
+        """Largest number of activations within ten minutes."""
+        return self._alarms.load.peak
+
+    def repaired(self) -> None:
+        """State that the operator has acted: later alarms are no consequences of the fault alone."""
+        self._is_repaired = True
+
+    def _update(self, twin: Twin) -> None:
+        self._alarms(twin.now_ms, twin.plc)
+        if not self._is_repaired and twin.now_ms >= self._from_ms:
+            _, *others = self._alarms.rows() or (None,)
+            self.folded.update(row.alarm.key for row in others if row.follows is not None)
+            self.beside.update(row.alarm.key for row in others if row.follows is None)
+
+    def _ignore(self, _: AlarmChange) -> None:
+        """Receive the changes, which are not needed here."""
 
 
 def _limits(sequences: list[Sequence]) -> dict[int, list[_Limit]]:

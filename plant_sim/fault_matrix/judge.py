@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from controller.events.alarm_load import MOST_IN_WINDOW
 from controller.program.tags import SIDES
 from plant_sim.fault_matrix.cases import Subject
 from plant_sim.fault_matrix.expected import expectation
@@ -29,6 +30,10 @@ def complaints(subject: Subject, outcome: Outcome) -> list[str]:
             found.append(f"signal of the {signal.side} arm: {signal.name}")
         if not signal.is_in_time:
             found.append(f"signal after {signal.in_step_ms} ms in {signal.step}, limit {signal.limit_ms} ms")
+    if outcome.beside:
+        found.append(f"alarms listed beside the first one: {', '.join(outcome.beside)}")
+    if outcome.alarms > MOST_IN_WINDOW:
+        found.append(f"{outcome.alarms} alarms within ten minutes, more than {MOST_IN_WINDOW}")
     found += [f"the {side} arm did not return to feed" for side in outcome.away]
     if outcome.rounds > expected.stops + outcome.passed:  # a tray that passed undetected causes one more stop
         found.append(f"stopped again after the repair, {outcome.rounds - 1} times")

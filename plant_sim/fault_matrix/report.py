@@ -42,6 +42,9 @@ COLUMNS = (
     "state",
     "rounds",
     "asked",
+    "alarms",
+    "folded",
+    "beside",
     "lost",
     "in_doubt",
     "in_cups",
@@ -158,6 +161,19 @@ def headline(rows: Sequence[MatrixRow]) -> str:
     )
 
 
+def alarm_load(rows: Sequence[MatrixRow]) -> str:
+    """Return the numbers of alarms within ten minutes, and of trials with alarms folded under or beside the first."""
+    outcomes = [outcome for row in rows for outcome in row.outcomes]
+    most = max(outcomes, key=lambda outcome: outcome.alarms)
+    trials = Counter(outcome.alarms for outcome in outcomes)
+    counts = ", ".join(f"{number} in {trials[number]:,} trials" for number in sorted(trials))
+    folded, beside = sum(bool(o.folded) for o in outcomes), sum(bool(o.beside) for o in outcomes)
+    return (
+        f"Alarms within ten minutes: {counts} (most with `{most.fault}`). Before the operator acts: alarms folded "
+        f"under the first one in {folded} trials, alarms beside it in {beside} trials."
+    )
+
+
 def sizes_markdown(rows: Sequence[MatrixRow]) -> str:
     """Return the matrix of other sizes, which have no expectation, as Markdown."""
     shown = [number for number, name in enumerate(HEADING) if name not in JUDGED]
@@ -168,7 +184,7 @@ def sizes_markdown(rows: Sequence[MatrixRow]) -> str:
 
 def markdown(rows: Sequence[MatrixRow]) -> str:
     """Return the headline, the matrix, the limits of detection and the findings as Markdown."""
-    lines = [headline(rows), "", *markdown_table(HEADING, (row.cells() for row in rows))]
+    lines = [headline(rows), "", alarm_load(rows), "", *markdown_table(HEADING, (row.cells() for row in rows))]
     lines += ["", *LEGEND, *PRESSES]
     notes = [f"- `{row.subject}`: {row.expected.note}" for row in rows if row.expected.note]
     if notes:
@@ -220,6 +236,7 @@ def _overview(rows: Sequence[MatrixRow], wall_s: float) -> list[str]:
         f"duration: {wall_s:.0f} s",
         f"without a signal: {', '.join(str(row.subject) for row in rows if not row.is_detected) or 'none'}",
         f"silent harm: {', '.join(str(row.subject) for row in silent) or 'none'}",
+        alarm_load(rows),
     ]
 
 
@@ -236,6 +253,9 @@ def _record(subject: Subject, outcome: Outcome) -> dict[str, object]:
         "state": outcome.state,
         "rounds": outcome.rounds,
         "asked": outcome.asked,
+        "alarms": outcome.alarms,
+        "folded": outcome.folded,
+        "beside": outcome.beside,
         "lost": outcome.lost,
         "in_doubt": outcome.in_doubt,
         "in_cups": counts.in_cups,

@@ -13,7 +13,7 @@ from controller.program.operator.buttons import STUCK_MS
 from controller.program.states import State
 from controller.program.tags import SIDES
 from plant_sim.crop.seedling import CELLS_ALONG, SeedlingCounts
-from plant_sim.fault_matrix.first_signal import FirstSignal, Signal
+from plant_sim.fault_matrix.first_signal import FirstSignal, ListedAlarms, Signal
 from plant_sim.fault_matrix.following import Followed, follow
 from plant_sim.faults import FAULTS, Fault
 from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
@@ -54,6 +54,9 @@ class Outcome:
         counts: Final location of the seedlings.
         lost: Seedlings lost or left behind in excess of those in an undisturbed run.
         passed: True if a tray passed through the machine undetected, and the operator ended the trial without it.
+        alarms: Largest number of alarms announced within ten minutes.
+        folded: Alarms that were folded under the first one before the operator acted.
+        beside: Alarms that were listed beside the first one before the operator acted, instead of under it.
         reason: Reason for an incomplete trial or for wrong counts of trays or rows; empty if there is none.
     """
 
@@ -69,6 +72,9 @@ class Outcome:
     rounds: int = 0
     followed: list[Followed] = field(default_factory=list)
     passed: bool = False
+    alarms: int = 0
+    folded: list[str] = field(default_factory=list)
+    beside: list[str] = field(default_factory=list)
     reason: str = ""
 
     @property
@@ -202,34 +208,73 @@ def run_case(fault: Fault, setting: MatrixSetup) -> Outcome:
         setting: Machine and trial.
     """
     reference = undisturbed(setting)
-    lasts = FAULTS[fault.kind].permanent
-    start = (
-        None if lasts else next((start for start in reversed(reference.starts) if start.at_ms < fault.start_ms), None)
-    )
-    if start is None:
-        twin = setting.twin(fault) if lasts else setting.twin()
-    else:
-        twin = reference.twin
-        twin.restore(start.snapshot)
-        twin.unwatch()
+    start = _start_of(fault, reference)
+    twin = _twin_at(start, fault, setting)
     outcome = Outcome(fault, twin.plant.counts(), 0, trips=collect_violations(twin))
     first_signal = FirstSignal(twin, fault.start_ms, entered_ms=start.entered_ms if start else {})
-    if not lasts:
-        twin.plant.faults.add(fault)
+    listed = ListedAlarms(twin, fault.start_ms)
     try:
-        if start is None:
-            twin.home()
-            twin.start()
-        _work(twin, outcome, setting.trays)
+        _begin(twin, fault, start)
+        _work(twin, outcome, listed, setting.trays)
     except NotReachedError as error:
         outcome.reason = str(error)
     outcome.signal = first_signal.signal
+    outcome.alarms, outcome.folded, outcome.beside = listed.most, sorted(listed.folded), sorted(listed.beside)
     outcome.state = outcome.state or twin.state.name
     _account(twin, outcome, reference, setting.trays)
     return outcome
 
 
-def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
+def run_unattended(fault: Fault, setting: MatrixSetup, for_ms: int) -> ListedAlarms:
+    """Run a trial with a fault that nobody repairs, and to which nobody reacts; return its alarms.
+
+    Args:
+        fault: The fault.
+        setting: Machine and trial.
+        for_ms: Time after the start of the fault, ms.
+
+    Raises:
+        NotReachedError: The machine does not start.
+    """
+    start = _start_of(fault, undisturbed(setting))
+    twin = _twin_at(start, fault, setting)
+    listed = ListedAlarms(twin, fault.start_ms)
+    _begin(twin, fault, start)
+    twin.run_for(fault.start_ms + for_ms - twin.now_ms)
+    return listed
+
+
+def _start_of(fault: Fault, reference: Undisturbed) -> CaseStart | None:
+    """Return the latest instant before a fault; None for a fault that is set before the run."""
+    if FAULTS[fault.kind].permanent:
+        return None
+    return next((start for start in reversed(reference.starts) if start.at_ms < fault.start_ms), None)
+
+
+def _twin_at(start: CaseStart | None, fault: Fault, setting: MatrixSetup) -> Twin:
+    """Return a twin at an instant of the undisturbed trial, or after power-up."""
+    if start is None:
+        return setting.twin(fault) if FAULTS[fault.kind].permanent else setting.twin()
+    twin = undisturbed(setting).twin
+    twin.restore(start.snapshot)
+    twin.unwatch()
+    return twin
+
+
+def _begin(twin: Twin, fault: Fault, start: CaseStart | None) -> None:
+    """Set a fault and, after power-up, home and start the machine.
+
+    Raises:
+        NotReachedError: The machine does not start.
+    """
+    if not FAULTS[fault.kind].permanent:
+        twin.plant.faults.add(fault)
+    if start is None:
+        twin.home()
+        twin.start()
+
+
+def _work(twin: Twin, outcome: Outcome, listed: ListedAlarms, trays: int) -> None:
     """Run to Complete, with recovery by the operator after every stop.
 
     Raises:
@@ -243,10 +288,10 @@ def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
         outcome.rounds += 1
         if outcome.rounds > ROUNDS:
             raise NotReachedError(f"repeated stops; {twin.situation()}")
-        recover(twin, outcome)
+        recover(twin, outcome, listed)
 
 
-def recover(twin: Twin, outcome: Outcome) -> None:
+def recover(twin: Twin, outcome: Outcome, listed: ListedAlarms | None = None) -> None:
     """Observe the machine, repair the fault, clear the stop, answer the questions, home the machine and start it.
 
     Raises:
@@ -255,6 +300,8 @@ def recover(twin: Twin, outcome: Outcome) -> None:
     if twin.state is State.HELD:
         outcome.away += away_from_feed(twin)
     twin.run_for(OBSERVATION_MS)
+    if listed is not None:
+        listed.repaired()
     _note_questions(twin, outcome)
     outcome.followed += [follow(twin, partial(_mend, twin, outcome), isolated=each) for each in (False, True)]
     _mend(twin, outcome)

@@ -7,11 +7,12 @@ acknowledgement and shelving, the operator name for the audit log, the pace of s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from controller.events.alarm_list import AlarmRow, AlarmState
+from controller.events.alarm_list import AlarmList, AlarmRow
+from controller.events.alarm_states import AlarmState
 from controller.events.production import CycleEvent, GapCause
 from controller.io.loop import BOUNDS_US, LoopFigures
 from controller.io.pace import Pace
@@ -33,6 +34,11 @@ R_DURATIONS: Final = 20
 R_DURATION_SUM: Final = 50
 R_LATENESS: Final = 240
 R_LATENESS_SUM: Final = 270
+
+R_ALARM_ACTIVATIONS: Final = 272
+"""First of `ALARM_ROWS` registers: activations of the alarm in each row within a minute up to the last one."""
+R_ALARMS_RECENT: Final = 288
+R_ALARMS_PEAK: Final = 289
 
 R_ALARM_ACTION: Final = 300
 ALARM_ACTION_WORDS: Final = 3
@@ -59,7 +65,7 @@ class StatusSource:
         runtime: PLC on its field link.
         figures: Timing of the scan loop.
         pace: Speed of simulated time; None in real time.
-        alarm_rows: Function that returns the rows of the alarm list, most urgent first.
+        alarms: The operator's alarm list.
         cycles: Last cycle and cycle count of each arm.
         connections: Function that returns the number of connected Modbus clients.
         refused_writes: Function that returns the number of refused writes since the start.
@@ -68,7 +74,7 @@ class StatusSource:
     runtime: Runtime
     figures: LoopFigures
     pace: Pace | None
-    alarm_rows: Callable[[], Sequence[AlarmRow]]
+    alarms: AlarmList
     cycles: LastCycles
     connections: Callable[[], int]
     refused_writes: Callable[[], int]
@@ -206,8 +212,11 @@ def status_words(source: StatusSource, at_ms: int) -> list[int]:
             _put(words, first + 2 * bucket, count, 2)
     for index, side in enumerate(SIDES):
         _put_cycle(words, R_CYCLES + CYCLE_WORDS * index, source.cycles.last.get(side), source.cycles.counts[side])
-    for index, row in enumerate(source.alarm_rows()[:ALARM_ROWS]):
+    for index, row in enumerate(source.alarms.rows()[:ALARM_ROWS]):
         _put_alarm(words, R_ALARMS + ALARM_WORDS * index, row)
+        words[R_ALARM_ACTIVATIONS + index] = min(row.activations, 0xFFFF)
+    words[R_ALARMS_RECENT] = min(source.alarms.load.recent(at_ms), 0xFFFF)
+    words[R_ALARMS_PEAK] = min(source.alarms.load.peak, 0xFFFF)
     words[R_PACE] = words[6]
     return words
 
@@ -235,5 +244,6 @@ def _put_cycle(words: list[int], first: int, cycle: CycleEvent | None, count: in
 
 def _put_alarm(words: list[int], first: int, row: AlarmRow) -> None:
     words[first : first + 3] = row.alarm.bit.number, ALARM_STATES.index(row.state), int(row.first_out)
+    words[first + 3] = row.follows or 0
     _put(words, first + 4, row.came_ms or 0, 2)
     _put(words, first + 6, row.shelved_until_ms or 0, 2)

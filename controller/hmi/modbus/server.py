@@ -69,7 +69,7 @@ class HmiServer(DeviceServer):
             runtime,
             figures or LoopFigures(),
             pace,
-            alarms.rows,
+            alarms,
             self.cycles,
             connections=lambda: self.connections,
             refused_writes=lambda: self.access.refused_writes,

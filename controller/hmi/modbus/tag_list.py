@@ -215,6 +215,12 @@ def _status_tags() -> Iterator[Tag]:
         yield _status(f"alarm.{row}.state", first + 1, 1, states)
         yield _status(f"alarm.{row}.first_out", first + 2, 1, "1 = first-out alarm, the alarm that stopped work first")
         yield _status(
+            f"alarm.{row}.follows",
+            first + 3,
+            1,
+            "number of the first-out alarm whose consequence this alarm is; 0 = it stands for itself",
+        )
+        yield _status(
             f"alarm.{row}.came_ms", first + 4, 2, "controller time at which the alarm became active", unit="ms"
         )
         yield _status(
@@ -224,6 +230,14 @@ def _status_tags() -> Iterator[Tag]:
             "controller time at which shelving ends; 0 = not shelved",
             unit="ms",
         )
+        yield _status(
+            f"alarm.{row}.activations",
+            status.R_ALARM_ACTIVATIONS + row,
+            1,
+            "activations of this alarm within a minute up to the last one",
+        )
+    yield _status("alarm.recent", status.R_ALARMS_RECENT, 1, "activations of all alarms within the last 10 minutes")
+    yield _status("alarm.peak", status.R_ALARMS_PEAK, 1, "most activations within 10 minutes since the start")
     yield _status(
         "alarm.action",
         status.R_ALARM_ACTION,

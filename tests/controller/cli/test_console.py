@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from controller.events.alarm_list import AlarmChange, AlarmList, AlarmState
+from controller.events.alarm_list import AlarmChange, AlarmList
+from controller.events.alarm_states import AlarmState
 from controller.hmi.console import Console, OrderError
 from controller.program.states import Mode, State
 from plant_sim.twin.lock_step import Twin

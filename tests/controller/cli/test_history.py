@@ -18,7 +18,7 @@ import pytest
 
 from controller.cli.history import add_arguments, history_text
 from controller.cli.main import main
-from controller.events.alarm_list import AlarmState
+from controller.events.alarm_states import AlarmState
 from controller.history.file import HistoryFile, HistoryRow
 from controller.history.schema import TABLES, HistoryError
 
@@ -250,6 +250,46 @@ def shift(tmp_path: Path) -> Path:
     return path
 
 
+def total(number: int, count: int, active_ms: int, *, chattering: int = 0, standing: int = 0) -> dict[str, object]:
+    """Return the totals of one alarm."""
+    return {
+        "number": number,
+        "text": f"alarm {number}",
+        "count": count,
+        "active_ms": active_ms,
+        "chattering": chattering,
+        "standing": standing,
+    }
+
+
+def test_the_summary_counts_chattering_and_standing_alarms(tmp_path: Path) -> None:
+    """An alarm that comes four times in 45 s chatters once, and again later; one that lasts 24 h is standing."""
+    a = AlarmState
+    path = tmp_path / "load.sqlite"
+    rows: list[RecordedRow] = [("runs", 0, ("transplanter", "0.1.0"))]
+    for at_ms in (0, 15 * S, 30 * S, 45 * S, 5 * MINUTE, 5 * MINUTE + 20 * S, 5 * MINUTE + 40 * S):
+        rows.append(alarm(at_ms, 990, a.NORMAL, a.UNACKNOWLEDGED))
+        rows.append(alarm(at_ms + S, 990, a.UNACKNOWLEDGED, a.NORMAL))
+    rows += [
+        alarm(HOUR, 903, a.NORMAL, a.UNACKNOWLEDGED),
+        alarm(2 * HOUR, 941, a.NORMAL, a.UNACKNOWLEDGED),
+        alarm(25 * HOUR, 903, a.UNACKNOWLEDGED, a.NORMAL),
+        alarm(26 * HOUR - S, 941, a.UNACKNOWLEDGED, a.NORMAL),
+    ]
+    write(path, rows, utc_ms("2026-05-01T00:00"))
+    (day,) = json.loads(command(path, "--summary", "--format", "json", "--until", "2026-05-02"))
+    assert day["most_in_ten_minutes"] == 7
+    assert day["alarms"] == [
+        total(903, 1, 24 * HOUR, standing=1),
+        total(941, 1, 24 * HOUR - S),
+        total(990, 7, 7 * S, chattering=2),
+    ]
+    text = command(path, "--summary", "--until", "2026-05-02")
+    assert "at most 7 in 10 minutes" in text
+    assert "alarm 990, chattering 2 x" in text
+    assert "alarm 903, standing 1 x" in text
+
+
 def test_the_summary_counts_per_run_and_day(shift: Path) -> None:
     first, second, third = json.loads(command(shift, "--summary", "--format", "json"))
     assert first == {
@@ -264,15 +304,16 @@ def test_the_summary_counts_per_run_and_day(shift: Path) -> None:
         "missed_cups": 4,
         "alarms_per_hour": 2.0,
         "alarms": [
-            {"number": 903, "text": "alarm 903", "count": 2, "active_ms": 3 * MINUTE},
-            {"number": 941, "text": "alarm 941", "count": 1, "active_ms": 190 * MINUTE},
-            {"number": 990, "text": "alarm 990", "count": 1, "active_ms": 2 * MINUTE},
+            total(903, 2, 3 * MINUTE),
+            total(941, 1, 190 * MINUTE),
+            total(990, 1, 2 * MINUTE),
         ],
+        "most_in_ten_minutes": 2,
     }
     fields = ("day", "recorded_ms", "trays", "cycles", "missed_cups", "alarms_per_hour")
     assert [second[name] for name in fields] == ["2026-05-02", 3 * HOUR, 1, 1, 3, 0.0]
     assert [third[name] for name in fields] == ["2026-05-02", 2 * MINUTE, 0, 1, 2, None]
-    assert third["alarms"] == [{"number": 900, "text": "alarm 900", "count": 1, "active_ms": MINUTE}]
+    assert third["alarms"] == [total(900, 1, MINUTE)]
 
 
 def test_the_summary_as_text(shift: Path) -> None:
@@ -280,7 +321,7 @@ def test_the_summary_as_text(shift: Path) -> None:
         "2026-05-01  run 1, transplanter 0.1.0",
         "  recorded 2.00 h",
         "  trays 1, cycles 3, mean 16.00 s, missed cups 4",
-        "  alarms 4, 2.00 per hour",
+        "  alarms 4, 2.00 per hour, at most 2 in 10 minutes",
         "    903     2 x      180.0 s  alarm 903",
         "    941     1 x    11400.0 s  alarm 941",
         "    990     1 x      120.0 s  alarm 990",
@@ -293,7 +334,7 @@ def test_the_summary_of_a_period_counts_only_that_period(shift: Path) -> None:
     )
     assert (only["cycles"], only["missed_cups"], only["trays"]) == (2, 4, 1), "counted from a cycle before the period"
     assert only["recorded_ms"] == 20 * MINUTE
-    assert only["alarms"] == [{"number": 903, "text": "alarm 903", "count": 1, "active_ms": 3 * MINUTE}]
+    assert only["alarms"] == [total(903, 1, 3 * MINUTE)]
     assert only["alarms_per_hour"] == 3.0
     assert command(shift, "--summary", "--since", "2030-01-01") == ""
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from controller.core.expr import Expr
 from controller.core.rungs import Mov, Rst, Set
-from controller.events.alarm_list import AlarmChange, AlarmList, AlarmRow, AlarmState
+from controller.events.alarm_list import AlarmChange, AlarmList, AlarmRow
+from controller.events.alarm_states import AlarmState
 from controller.program.alarms.table import Alarm, Severity
 from controller.program.texts.alarms.messages import ALARMS
 from tests.controller.core.core_rig import Rig, d, s, x
@@ -43,6 +44,7 @@ class AlarmRig:
             *(Rst(s(number), when=x(RESET) & ~x(cause)) for number, cause in CAUSES.items()),
             *(Set(s(number), when=x(cause)) for number, cause in CAUSES.items()),
             Rst(s(EMPTY), when=~x(CAUSES[EMPTY])),
+            Mov(0, FIRST_OUT, when=x(RESET)),
             *(Mov(number, FIRST_OUT, when=s(number) & FIRST_OUT.equals(0)) for number in STOPPING),
             Mov(0, FIRST_OUT, when=~fault),
         )

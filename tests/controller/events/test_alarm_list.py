@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmChange, AlarmList, AlarmRefusalError, AlarmState
+from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmChange, AlarmList, AlarmRefusalError
+from controller.events.alarm_states import AlarmState
 from controller.program.texts.alarms.messages import ALARMS
 from tests.controller.core.core_rig import PATIENT_S, THOROUGH
 from tests.controller.events.alarm_rig import (
@@ -286,13 +287,14 @@ def test_the_first_out_is_listed_first_then_the_unacknowledged_by_severity() -> 
 
 
 def test_returned_unacknowledged_alarms_are_listed_after_active_ones() -> None:
+    """After the reset, E_STOP is the most severe of the alarms that remain and thus the first-out."""
     rig = AlarmRig()
     rig.scan(AIR)
     rig.scan(AIR, E_STOP, JAM)
-    rig.list.acknowledge(E_STOP, by="Li")
+    rig.list.acknowledge(AIR, by="Li")
     rig.scan(AIR, E_STOP, WARNING, reset=True)
-    assert (rig.state(JAM), rig.state(E_STOP)) == (RETURNED, ACKNOWLEDGED)
-    assert rig.order() == [AIR, WARNING, JAM, E_STOP]
+    assert (rig.state(JAM), rig.state(AIR)) == (RETURNED, ACKNOWLEDGED)
+    assert rig.order() == [E_STOP, WARNING, JAM, AIR]
 
 
 def test_the_first_out_mark_is_retained_after_the_reset() -> None:

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from controller.events.alarm_list import AlarmChange, AlarmState
+from controller.events.alarm_list import AlarmChange
+from controller.events.alarm_states import AlarmState
 from controller.events.cycle_edges import Edge
 from controller.events.production import (
     AlarmEvent,

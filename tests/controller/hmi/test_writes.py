@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from controller.events.alarm_list import AlarmState
+from controller.events.alarm_states import AlarmState
 from controller.hmi.access.machine import AUDITED_REFUSALS_PER_MINUTE
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime

@@ -11,7 +11,7 @@ import pytest
 
 from controller.common.declarations import DeclarationError
 from controller.core.sequence import Step
-from controller.events.alarm_list import AlarmState
+from controller.events.alarm_states import AlarmState
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.alarms.guide import likely_causes
 from controller.program.alarms.table import Alarm

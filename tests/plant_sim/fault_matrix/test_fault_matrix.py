@@ -29,7 +29,16 @@ from plant_sim.fault_matrix.expected import EXPECTED, NO_ROW, Expectation, expec
 from plant_sim.fault_matrix.first_signal import SUSPENSIONS, Signal
 from plant_sim.fault_matrix.following import Followed, follow
 from plant_sim.fault_matrix.judge import complaints
-from plant_sim.fault_matrix.report import COLUMNS, SIZES_COLUMNS, MatrixRow, headline, markdown, records, summary
+from plant_sim.fault_matrix.report import (
+    COLUMNS,
+    SIZES_COLUMNS,
+    MatrixRow,
+    alarm_load,
+    headline,
+    markdown,
+    records,
+    summary,
+)
 from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
 from plant_sim.fault_matrix.table_files import as_csv
 from plant_sim.faults import FAULTS, Fault, parse_fault
@@ -188,6 +197,8 @@ DEVIATIONS: list[tuple[Callable[[Outcome], Outcome], str]] = [
     (lambda o: replace(o, signal=SIGNAL._replace(side="right")), "signal of the right arm: slide to feed"),
     (lambda o: replace(o, signal=SIGNAL._replace(in_step_ms=5_030)), "signal after 5030 ms in left arm: slide to feed"),
     (lambda o: replace(o, trips={"arms_collide": "both inside"}), "monitor arms_collide: both inside"),
+    (lambda o: replace(o, beside=["spread"]), "alarms listed beside the first one: spread"),
+    (lambda o: replace(o, alarms=11), "11 alarms within ten minutes, more than 10"),
     (lambda o: replace(o, away=["right"]), "the right arm did not return to feed"),
     (lambda o: replace(o, rounds=2), "stopped again after the repair, 1 times"),
     (lambda o: replace(o, lost=12), "12 seedlings lost"),
@@ -206,6 +217,10 @@ def test_a_sound_case_gives_no_complaint() -> None:
 def test_each_deviation_gives_exactly_one_complaint(deviate: Callable[[Outcome], Outcome], complaint: str) -> None:
     (text,) = complaints(subject_of(JAM), deviate(SOUND))
     assert text.startswith(complaint)
+
+
+def test_ten_alarms_and_folded_ones_are_no_complaint() -> None:
+    assert complaints(subject_of(JAM), replace(SOUND, alarms=10, folded=["spread"])) == []
 
 
 def test_a_cup_count_alarm_of_either_row_is_accepted() -> None:
@@ -334,6 +349,16 @@ def test_the_readme_and_the_introduction_state_the_harm_of_the_headline() -> Non
     assert f"{numbers[1]} of its {len(ALL)} faults do harm, {numbers[5]} of them without ever being" in introduction
 
 
+def test_the_alarm_load_is_counted_by_trials() -> None:
+    outcomes = [SOUND, replace(SOUND, alarms=1), replace(SOUND, alarms=3, folded=["spread"]), replace(SOUND, alarms=1)]
+    row = MatrixRow(subject_of(JAM), [*outcomes, replace(SOUND, alarms=2, beside=["stop_stuck"])])
+    assert alarm_load([row]) == (
+        "Alarms within ten minutes: 0 in 1 trials, 1 in 2 trials, 2 in 1 trials, 3 in 1 trials (most with "
+        "`jammed:left.slide@20000ms..`). Before the operator acts: alarms folded under the first one in 1 trials, "
+        "alarms beside it in 1 trials."
+    )
+
+
 def test_the_headline_counts_harm_and_silent_harm() -> None:
     trips = {"dropped": "cup 3"}
     quiet = replace(SOUND, signal=None, rounds=0)
@@ -374,11 +399,10 @@ def test_the_command_writes_table_csv_and_json_and_ends_with_0(
 ) -> None:
     folder = tmp_path / "new" / "folder"
     assert run("--fault", "broken_wire:start", "--moments", "2", "--out", str(folder)) == 0
-    assert capsys.readouterr().out.splitlines()[2:5] == [
-        "without a signal: broken_wire:start",
-        "silent harm: none",
-        "findings: none",
-    ]
+    _, _, undetected, silent, load, findings, *_ = capsys.readouterr().out.splitlines()
+    assert undetected == "without a signal: broken_wire:start"
+    assert (silent, findings) == ("silent harm: none", "findings: none")
+    assert load.startswith("Alarms within ten minutes: 0 in 2 trials (most with `broken_wire:start@")
     assert "| `broken_wire:start` | 2 | 0 |" in (folder / "fault-matrix.md").read_text(encoding="utf-8")
     assert len((folder / "fault-matrix.csv").read_text(encoding="utf-8").splitlines()) == 3
     assert [case["recovered"] for case in json.loads((folder / "fault-matrix.json").read_text())] == [True, True]

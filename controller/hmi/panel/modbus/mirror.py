@@ -9,7 +9,7 @@ from typing import Final
 
 from controller.core.clock import Clock
 from controller.core.devices import WORD_MAX, Memory
-from controller.hmi.access.status_registers import R_LATENESS, R_NAME
+from controller.hmi.access.status_registers import R_ALARMS_PEAK, R_LATENESS, R_NAME
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
 from controller.hmi.panel.modbus.connection import ExceptionResponseError, ModbusConnection, ModbusConnectionError
 from controller.iomap.loader import IoMap
@@ -20,6 +20,8 @@ R_SIMULATED: Final = 5
 R_PACE_PERCENT: Final = 6
 R_FORCING_ALLOWED: Final = 7
 R_FORCED: Final = 8
+R_WORDS: Final = R_ALARMS_PEAK + 1
+"""Length of the mirrored part of the R area, words."""
 NAME_ADDRESS: Final = register_address("R", R_NAME)
 STALE_MS: Final = 1_000
 """Age at which the mirror is no longer used for decisions, ms."""
@@ -42,7 +44,7 @@ def blocks(io_map: IoMap) -> tuple[ReadBlock, ...]:
     return (
         ReadBlock("R", 0, 108),
         ReadBlock("R", 108, 120),
-        ReadBlock("R", R_LATENESS, 32),
+        ReadBlock("R", R_LATENESS, R_WORDS - R_LATENESS),
         ReadBlock("X", 0, io_map.input_count),
         ReadBlock("Y", 0, io_map.output_count),
         ReadBlock("M", 0, 1064),
@@ -51,9 +53,6 @@ def blocks(io_map: IoMap) -> tuple[ReadBlock, ...]:
         ReadBlock("D", 512, 60),
         ReadBlock("CN", 0, 4),
     )
-
-
-R_WORDS: Final = R_LATENESS + 32
 
 
 class Mirror:

@@ -60,7 +60,7 @@ export class AlarmBanner {
   }
 
   update(view) {
-    const rows = view.alarms.rows.filter((row) => stateOf(row.state) !== SHELVED);
+    const rows = view.alarms.rows.filter((row) => stateOf(row.state) !== SHELVED && row.follows === null);
     const row = rows[0] ?? null;
     this.first = row?.number ?? null;
     const key = row === null ? "" : `${row.number}/${row.state}/${row.first_out}`;
@@ -92,11 +92,12 @@ export class AlarmsPage {
     this.all = new OrderButton(t("alarms.acknowledge_all"), { type: "acknowledge", alarm: null }, {
       data: { "data-command": "acknowledge_all" },
     });
+    this.load = make("p", { class: "why", "data-fact": "alarm-load" });
     this.list = make("ul", { class: "alarm-list" });
     this.help = new AlarmHelp();
     this.journal = new Journal(this.help);
     this.node = make("div", { class: "column" },
-      section("alarms.active", make("div", { class: "orders" }, this.all.node), this.list), this.help.node, this.journal.node);
+      section("alarms.active", make("div", { class: "orders" }, this.all.node), this.load, this.list), this.help.node, this.journal.node);
   }
 
   opened() {
@@ -104,17 +105,40 @@ export class AlarmsPage {
   }
 
   update(view) {
-    const { rows } = view.alarms;
-    const key = rows.map((row) => `${row.number}/${row.state}/${row.first_out}/${row.shelved_until_ms}`).join();
+    const { rows, recent, peak } = view.alarms;
+    const number = (mark) => rows.filter((row) => row[mark]).length;
+    write(this.load, t("alarms.load",
+      { recent, peak, most: app.describe.most_alarms, chattering: number("chattering"), standing: number("standing") }));
+    const key = rows.map((row) => [row.number, row.state, row.first_out, row.follows, row.chattering, row.standing,
+      row.shelved_until_ms].join("/")).join();
     if (key !== this.key) {
       if (this.key !== null) void this.journal.load();
       this.key = key;
       this.rows = rows.map((row) => new AlarmListItem(row, this.help));
-      refill(this.list, ...(rows.length ? this.rows.map((row) => row.node) : [make("li", { text: t("alarms.none") })]));
+      this.#fold();
     }
     const open = rows.some((row) => UNACKNOWLEDGED.has(stateOf(row.state)));
     this.all.update(open ? null : t("alarms.nothing"));
     this.rows.forEach((row) => row.update(view));
+  }
+
+  /** Show the alarms that stand for themselves; the consequences of an alarm are folded under it. */
+  #fold() {
+    const open = new Set([...this.list.querySelectorAll("details[open]")].map((node) => node.dataset.first));
+    const shown = new Map(this.rows.map((item) => [item.row.number, item]));
+    const others = [];
+    const folded = new Map();
+    for (const item of this.rows) {
+      const { follows } = item.row;
+      if (!shown.has(follows)) others.push(item);
+      else folded.set(follows, [...(folded.get(follows) ?? []), item]);
+    }
+    refill(this.list, ...(others.length ? others.map((item) => item.node) : [make("li", { text: t("alarms.none") })]));
+    for (const [number, items] of folded) {
+      shown.get(number).node.append(make("details", { class: "consequences", "data-first": number, open: open.has(String(number)) },
+        make("summary", { text: t("alarms.consequences", { n: items.length }) }),
+        make("ul", { class: "alarm-list" }, ...items.map((item) => item.node))));
+    }
   }
 }
 
@@ -130,6 +154,8 @@ class AlarmListItem {
         help.button(row.number, `S${row.number} ${message(row)}`),
         row.first_out ? make("span", { class: "first-out", text: t("alarms.first_out") }) : null,
         make("span", { class: "alarm-state", text: stateText(row.state) }),
+        row.chattering ? make("span", { class: "alarm-load", text: t("alarms.chattering") }) : null,
+        row.standing ? make("span", { class: "alarm-load", text: t("alarms.standing") }) : null,
         this.when,
         this.constants),
       make("div", { class: "orders" }, ...this.orders.map((item) => item.node)));

@@ -39,7 +39,7 @@ export class AlarmHelp {
         make("div", {}, enters ? isolation() : null, picture)));
     this.node.hidden = false;
     this.shown = number;
-    this.node.scrollIntoView({ block: "nearest" });
+    this.node.scrollIntoView();
     void this.#draw(number, picture, alarm.causes);
   }
 

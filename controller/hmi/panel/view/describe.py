@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any, Final
 
 from controller.core.expr import Bit
 from controller.core.sequence import Sequence, Step
+from controller.events.alarm_load import MOST_IN_WINDOW
 from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
 from controller.hmi.panel.view.conditions import condition_text
 from controller.hmi.panel.view.state import Json, in_both
@@ -50,6 +51,7 @@ def public(language: Language | None = None) -> Json:
 def describe(machine: Transplanter, telemetry: Telemetry | None, language: Language | None = None) -> Json:
     """Return the complete description; `language` as in `public`."""
     points = (*machine.io_map.inputs, *machine.io_map.outputs)
+    wired = {point.tag for point in points} | {register.tag for register in machine.io_map.registers}
     devices = _alarmed_devices(machine)
     modes = {bit: int(mode) for mode, bit in machine.tags.commands.modes.items()}
     return {
@@ -79,7 +81,7 @@ def describe(machine: Transplanter, telemetry: Telemetry | None, language: Langu
                 "number": alarm.bit.number,
                 "text": in_both(alarm.text.message),
                 "meaning": in_both(alarm.text.meaning),
-                "causes": [_cause(cause) for cause in likely_causes(alarm, machine.io_map)],
+                "causes": [_cause(cause, wired) for cause in likely_causes(alarm, machine.io_map)],
                 "safety": alarm.safety,
                 "stops_work": alarm.stops_work,
                 "device": devices.get(alarm.bit.number),
@@ -91,14 +93,15 @@ def describe(machine: Transplanter, telemetry: Telemetry | None, language: Langu
             {"name": sequence.name, "steps": [_step(sequence, step) for _, step in sequence]}
             for sequence in machine.program.sequences()
         ],
+        "most_alarms": MOST_IN_WINDOW,
         "isolation": [in_both(step) for step in ISOLATION],
         "geometry": GEOMETRY,
         "telemetry": [] if telemetry is None else [_tag(tag) for tag in telemetry.tags],
     }
 
 
-def _cause(likely: LikelyCause) -> Json:
-    """Return a likely cause: names and checks, parts for the picture, and its points and set-points."""
+def _cause(likely: LikelyCause, wired: Collection[str]) -> Json:
+    """Return a likely cause: names and checks, parts for the picture, its wired points, and its set-points."""
     cause = likely.cause
     part = LOCATIONS[cause.location]
     return {
@@ -106,7 +109,9 @@ def _cause(likely: LikelyCause) -> Json:
         "look": in_both(cause.look),
         "reach": None if cause.reach is None else in_both(cause.reach),
         "parts": [{"key": key, "text": in_both(_with_side(key.rpartition(".")[0], part))} for key in likely.locations],
-        "points": [{"address": address, "text": in_both(_point_text(tag))} for tag, address in likely.points],
+        "points": [
+            {"address": address, "text": in_both(_point_text(tag))} for tag, address in likely.points if tag in wired
+        ],
         "set_points": [_label(f"set.{name}", name) for name in cause.set_points],
     }
 

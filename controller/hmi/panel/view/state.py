@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from controller.core.devices import device_name
 from controller.core.expr import Bit, Expr, Word, evaluate
+from controller.events.alarm_load import is_chattering, is_standing
 from controller.hmi.access import status_registers as status
 from controller.hmi.panel.modbus import mirror as registers
 from controller.hmi.panel.modbus.mirror import Mirror
@@ -68,7 +69,11 @@ class ViewBuilder:
             "io": dict(self._io()),
             "forced": self._forced(),
             "steps": {str(bit): 1 for bit in self._steps if self._read(bit)},
-            "alarms": {"rows": list(self._alarms())},
+            "alarms": {
+                "rows": list(self._alarms()),
+                "recent": self._mirror.word(status.R_ALARMS_RECENT),
+                "peak": self._mirror.word(status.R_ALARMS_PEAK),
+            },
             "questions": {"open": [key for key, asked in self._questions() if self._read(asked)]},
             "commands": dict(self._commands()),
             "set_points": {name: self._read(getattr(self._tags.sp, name)) for name in self._tags.sp.names()},
@@ -183,15 +188,21 @@ class ViewBuilder:
 
     def _alarms(self) -> Iterator[Json]:
         mirror = self._mirror
+        now_ms = mirror.long(status.R_TIME_MS)
         for row in range(status.ALARM_ROWS):
             first = status.R_ALARMS + status.ALARM_WORDS * row
             number, state = mirror.word(first), mirror.word(first + 1)
             if number and state < len(status.ALARM_STATES):
+                came_ms = mirror.long(first + 4)
+                activations = mirror.word(status.R_ALARM_ACTIVATIONS + row)
                 yield {
                     "number": number,
                     "state": state,
                     "first_out": bool(mirror.word(first + 2)),
-                    "came_ms": mirror.long(first + 4),
+                    "follows": mirror.word(first + 3) or None,
+                    "chattering": is_chattering(activations, came_ms, now_ms),
+                    "standing": is_standing(status.ALARM_STATES[state], came_ms, now_ms),
+                    "came_ms": came_ms,
                     "shelved_until_ms": mirror.long(first + 6) or None,
                 }
 

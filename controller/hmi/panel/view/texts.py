@@ -193,6 +193,15 @@ _ALARMS: Final = {
     "alarms.came": Text("Active for {ago}", "已持续 {ago}"),
     "alarms.shelved_for": Text("Shelved for {left} more", "剩余搁置时间 {left}"),
     "alarms.check": Text("Check", "检查"),
+    "alarms.consequences": Text("Consequences of this alarm: {n}", "由此报警引起的报警：{n} 条"),
+    "alarms.chattering": Text("Chattering", "反复报警"),
+    "alarms.standing": Text("Standing for more than a day", "持续超过一天"),
+    "alarms.load": Text(
+        "Alarms in the last 10 minutes: {recent} (at most {most}); most in 10 minutes: {peak}; chattering: "
+        "{chattering}; standing: {standing}",
+        "最近 10 分钟报警 {recent} 条（上限 {most} 条）；10 分钟内最多 {peak} 条；反复报警 {chattering} 条；"
+        "持续报警 {standing} 条",
+    ),
     "alarms.help": Text("Help", "报警帮助"),
     "alarms.help_close": Text("Close help", "关闭帮助"),
     "alarms.causes": Text("Likely causes, in the order in which to look", "可能原因（按检查顺序）"),

@@ -637,9 +637,50 @@ def test_a_tap_on_an_alarm_opens_its_help(stopped: Station, screen: Screen) -> N
     expect(shown).to_be_hidden()
     screen.find("[data-table=journal] [data-help='900']").first.click()
     expect(shown).to_be_visible()
+    screen.press("[data-banner=acknowledge]")
+    expect(screen.find("[data-banner=acknowledge]")).to_be_hidden()
     screen.open("overview")
     screen.press("[data-box=emergency_stop]")
     clear(screen, live)
+
+
+SHOW_ALARMS = """async ([rows]) => {
+  const { app } = await import("/static/app.js");
+  const { AlarmsPage } = await import("/static/alarms.js");
+  const page = new AlarmsPage();
+  page.node.id = "shown-alarms";
+  document.querySelector("main").append(page.node);
+  const row = { state: 1, first_out: false, follows: null, chattering: false, standing: false, came_ms: 0 };
+  const all = rows.map((each) => ({ ...row, shelved_until_ms: null, ...each }));
+  page.update({ machine: { time_ms: 1000 }, alarms: { recent: 4, peak: 7, rows: all } });
+}"""
+"""Script that shows an alarm page with given rows below the open page."""
+
+
+def test_consequences_are_folded_and_the_alarm_load_is_shown(stopped: Station, screen: Screen) -> None:
+    """A consequence is folded under its first-out alarm, or listed alone if that alarm is not listed."""
+    assert stopped.live
+    screen.open("overview")
+    rows = [
+        {"number": 911, "first_out": True},
+        {"number": 923, "follows": 911, "chattering": True},
+        {"number": 961, "follows": 911},
+        {"number": 990, "standing": True},
+        {"number": 962, "follows": 905},
+    ]
+    screen.page.evaluate(SHOW_ALARMS, [rows])
+    page = screen.find("#shown-alarms")
+    numbers = "nodes => nodes.map((node) => Number(node.dataset.alarm))"
+    assert page.locator(".part:first-child > .alarm-list > li").evaluate_all(numbers) == [911, 990, 962]
+    assert page.locator("li[data-alarm='911'] details li").evaluate_all(numbers) == [923, 961]
+    expect(page.locator("li[data-alarm='923']")).to_be_hidden()
+    expect(page.locator("summary")).to_have_text("Consequences of this alarm: 2")
+    page.locator("summary").click()
+    expect(page.locator("li[data-alarm='923'] .alarm-load")).to_have_text("Chattering")
+    expect(page.locator("li[data-alarm='990'] .alarm-load")).to_have_text("Standing for more than a day")
+    expect(page.locator("[data-fact=alarm-load]")).to_have_text(
+        "Alarms in the last 10 minutes: 4 (at most 10); most in 10 minutes: 7; chattering: 1; standing: 1"
+    )
 
 
 ANSWER_LATE = """async ([presses, answers]) => {
