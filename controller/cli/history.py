@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--summary",
         action="store_true",
-        help="show trays, cycles, missed cups and alarms per run and day instead of a table",
+        help="show trays, rows, missed cups and alarms per run and day instead of a table",
     )
     add(
         "--since",

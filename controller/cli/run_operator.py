@@ -15,7 +15,8 @@ from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmChange, AlarmList
 from controller.events.cycle_edges import CycleEdges
 from controller.events.field_devices import FieldDevices, FieldReport
-from controller.events.production import Event, ProductionLog
+from controller.events.kinds import Event
+from controller.events.production import ProductionLog
 from controller.events.writer import EventWriter, McServingEvent, OutputsEvent, ServingEvent
 from controller.history.schema import HistoryError
 from controller.history.writer import HistoryWriter

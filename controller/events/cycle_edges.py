@@ -7,7 +7,7 @@ from typing import Final
 
 from controller.core.devices import device_name
 from controller.core.scan import Plc
-from controller.events.production import CycleEvent
+from controller.events.kinds import CycleEvent
 from controller.program.machine import Transplanter
 from controller.program.tags import SIDES, Side
 

@@ -8,7 +8,7 @@ from typing import Final, Protocol, TypeVar
 
 from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmChange
-from controller.events.production import AlarmEvent, Event
+from controller.events.kinds import AlarmEvent, Event
 from controller.program.machine import Transplanter
 from controller.program.texts.field import FIELD_CHANGES, NAMED, FieldChange
 from controller.program.texts.operator import Language

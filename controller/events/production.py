@@ -1,158 +1,38 @@
-"""Production events derived from the PLC memory after each scan: states, alarms, questions, cycles, trays."""
+"""Log of production: events derived from the PLC memory after each scan."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from controller.common.saved import Saved
 from controller.core.devices import ANNUNCIATORS
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
+from controller.events.kinds import (
+    AlarmEvent,
+    CycleEvent,
+    Event,
+    GapCause,
+    ModeEvent,
+    NextPressEvent,
+    QuestionEvent,
+    RefusalEvent,
+    RowEvent,
+    StateEvent,
+    TrayEvent,
+)
 from controller.program.machine import Transplanter
+from controller.program.operator.constants import warning_text
 from controller.program.operator.next_press import what_to_do
 from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import HOLDS, Mode, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
-from controller.program.texts.operator import CONSTANT, CONSTANTS, MODES, QUESTIONS, REASONS, STATES, Language
+from controller.program.texts.operator import MODES, QUESTIONS, REASONS, STATES, Language
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
-
-GapCause = Literal["none", "tray", "centre", "row"]
-"""Cause of missed cups: the arm waited for a tray or for the other arm to leave the centre, or the arm's own motion
-took too long; "none" if no cups were missed."""
 
 _MIN_WAIT_MS: Final = 50
 """Shortest time at feed that counts as waiting, ms; an arm that does not wait is at feed for one or two scans."""
-
-
-@dataclass(frozen=True, slots=True)
-class StateEvent:
-    """Entry into a PackML state.
-
-    Attributes:
-        at_ms: Time of the event, ms.
-        state: PackML state number.
-        text: Name of the state.
-        reason: Reason if the state is Suspended or Held; else empty.
-        next_press: Line that says what to do now; empty if no press is required.
-    """
-
-    at_ms: int
-    state: int
-    text: str
-    reason: str = ""
-    next_press: str = ""
-    event: str = "state"
-
-
-@dataclass(frozen=True, slots=True)
-class AlarmEvent:
-    """Annunciator set or reset."""
-
-    at_ms: int
-    number: int
-    active: bool
-    text: str
-    event: str = "alarm"
-
-
-@dataclass(frozen=True, slots=True)
-class QuestionEvent:
-    """Operator question asked or answered."""
-
-    at_ms: int
-    question: str
-    active: bool
-    text: str
-    event: str = "question"
-
-
-@dataclass(frozen=True, slots=True)
-class CycleEvent:
-    """Completed cycle of an arm: a row has been released into the cups, and the arm has returned home.
-
-    Attributes:
-        at_ms: End of the cycle, ms.
-        side: Arm.
-        row: Picked row, 1 to 3.
-        cycle_ms: Time from leaving the feed position until the arm is back there, down and converged, ms.
-        waiting_ms: Part of this time spent waiting for cups, including the release delay, ms.
-        missed_cups: Number of cups missed by the arm since the last reset of the counts.
-        gap_cause: Cause of the cups missed since the previous cycle.
-    """
-
-    at_ms: int
-    side: Side
-    row: int
-    cycle_ms: int
-    waiting_ms: int
-    missed_cups: int
-    gap_cause: GapCause = "none"
-    event: str = "cycle"
-
-
-@dataclass(frozen=True, slots=True)
-class TrayEvent:
-    """Tray emptied: its last row has been picked."""
-
-    at_ms: int
-    trays_done: int
-    event: str = "tray"
-
-
-@dataclass(frozen=True, slots=True)
-class ModeEvent:
-    """Change of the operating mode."""
-
-    at_ms: int
-    mode: int
-    text: str
-    event: str = "mode"
-
-
-@dataclass(frozen=True, slots=True)
-class RefusalEvent:
-    """Refused command or press; it has no effect.
-
-    Attributes:
-        at_ms: Time of the event, ms.
-        command: Name of the command.
-        reason: Number of the reason.
-        text: Command and reason.
-        next_press: Line that says what to do now; empty if no press is required.
-    """
-
-    at_ms: int
-    command: str
-    reason: int
-    text: str
-    next_press: str = ""
-    event: str = "refusal"
-
-
-@dataclass(frozen=True, slots=True)
-class NextPressEvent:
-    """Change of the line that says what to do now, within a state.
-
-    Attributes:
-        at_ms: Time of the event, ms.
-        press: Number of the next useful press.
-        text: The line; empty if no press is required.
-    """
-
-    at_ms: int
-    press: int
-    text: str
-    event: str = "next"
-
-
-Event = StateEvent | AlarmEvent | QuestionEvent | CycleEvent | TrayEvent | ModeEvent | RefusalEvent | NextPressEvent
-
-
-def as_record(event: Event) -> dict[str, object]:
-    """Return an event as a flat record for a file or a pipe."""
-    return asdict(event)
 
 
 class _CycleTimer(Saved):
@@ -237,7 +117,7 @@ class _CycleTimer(Saved):
 class ProductionLog(Saved):
     """Generator of events from the changes between scans; an observer of the runtime."""
 
-    SAVED = ("_alarms", "_mode", "_next_press", "_questions", "_refusals", "_state", "_trays")
+    SAVED = ("_alarms", "_mode", "_next_press", "_questions", "_refusals", "_rows", "_state", "_trays")
 
     def __init__(self, machine: Transplanter, report: Callable[[Event], None], language: Language = "en") -> None:
         """Create the log for a machine.
@@ -252,6 +132,7 @@ class ProductionLog(Saved):
         self._language: Language = language
         self._state = 0
         self._trays: int | None = None
+        self._rows: dict[Side, int] = {}
         self._mode: int | None = None
         self._refusals = self._next_press = 0
         self._alarms: list[int] = []
@@ -288,6 +169,7 @@ class ProductionLog(Saved):
             tags.machine.next_press,
             tags.machine.refusals,
             tags.machine.trays_done,
+            *(arm.cycles for arm in tags.arms.values()),
         )
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
@@ -309,6 +191,7 @@ class ProductionLog(Saved):
             cycle = timer.update(now_ms, plc)
             if cycle is not None:
                 self._report(cycle)
+        self._report_rows(now_ms, plc)
         trays = plc.read(tags.machine.trays_done)
         if self._trays is not None and trays > self._trays:
             self._report(TrayEvent(now_ms, trays))
@@ -340,6 +223,14 @@ class ProductionLog(Saved):
         line = what_to_do(self._machine.tags, self._machine.alarms, plc.read)
         return "" if line is None else str(getattr(line, self._language))
 
+    def _report_rows(self, now_ms: int, plc: Plc) -> None:
+        """Report the rows released in this scan, one event for each arm."""
+        for side, arm in self._machine.tags.arms.items():
+            rows, before = plc.read(arm.cycles), self._rows.get(side)
+            if before is not None and rows > before:
+                self._report(RowEvent(now_ms, side, rows))
+            self._rows[side] = rows
+
     def _report_next_press(self, now_ms: int, plc: Plc, *, told: bool) -> None:
         """Report a changed line, unless an event of this scan has told it."""
         press = plc.read(self._machine.tags.machine.next_press)
@@ -357,18 +248,11 @@ class ProductionLog(Saved):
         self._alarms = alarms
 
     def _alarm_text(self, number: int, plc: Plc) -> str:
-        """Return the text of an alarm; the warning of machine constants names those that differ from their defaults.
-
-        None differs when the warning ends because a tool has written the defaults back.
-        """
-        text: str = getattr(self._machine.alarms.of(number).text, self._language)
-        if number != self._machine.alarms.constants.number:
-            return text
-        form: str = getattr(CONSTANT, self._language)
-        changed = self._machine.tags.sp.changed(plc.read)
-        names = ", ".join(form.format(name=n, value=v, default=d) for n, (v, d) in changed.items())
-        whole: str = getattr(CONSTANTS, self._language)
-        return whole.format(warning=text, constants=names) if names else text
+        alarms = self._machine.alarms
+        text = alarms.of(number).text.message
+        if number == alarms.constants.number:
+            text = warning_text(text, self._machine.tags.sp, plc.read)
+        return str(getattr(text, self._language))
 
     def _report_questions(self, now_ms: int, plc: Plc) -> None:
         relays = plc.memory.M

@@ -11,7 +11,7 @@ from typing import TextIO
 
 from controller.events.alarm_list import AlarmChange
 from controller.events.field_devices import FieldEvent
-from controller.events.production import Event
+from controller.events.kinds import Event
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Summary of the history per run and day: trays, cycles, missed cups and alarms, with the alarm rate."""
+"""Summary of the history per run and day: trays, rows, missed cups and alarms, with the alarm rate."""
 
 from __future__ import annotations
 
@@ -48,8 +48,9 @@ class DayTotal:
         version: Version of the controller.
         recorded_ms: Part of the time from the first to the last record of the run that falls on this day, ms.
         trays: Number of trays emptied.
-        cycles: Number of completed cycles of both arms.
-        cycle_ms: Sum of the cycle times, ms.
+        rows: Number of rows released over the cups by both arms, as on panel and console.
+        timed: Number of completed cycles; a row whose cycle was interrupted after its release is not timed.
+        cycle_ms: Sum of the times of the completed cycles, ms.
         missed_cups: Number of cups missed, attributed to the next cycle of the arm; 0 for the first recorded cycle.
         alarms: Totals of the alarms by annunciator number.
         most_in_ten_minutes: Largest number of activations within ten minutes.
@@ -61,7 +62,8 @@ class DayTotal:
     version: str
     recorded_ms: int
     trays: int = 0
-    cycles: int = 0
+    rows: int = 0
+    timed: int = 0
     cycle_ms: int = 0
     missed_cups: int = 0
     alarms: dict[int, AlarmTotal] = field(default_factory=dict)
@@ -69,8 +71,8 @@ class DayTotal:
 
     @property
     def mean_cycle_ms(self) -> int | None:
-        """Mean cycle time, ms; None if there are no cycles."""
-        return round(self.cycle_ms / self.cycles) if self.cycles else None
+        """Mean time of the completed cycles, ms; None if there are none."""
+        return round(self.cycle_ms / self.timed) if self.timed else None
 
     @property
     def alarms_per_hour(self) -> float | None:
@@ -81,19 +83,21 @@ class DayTotal:
     def record(self) -> Record:
         """Return the totals as a JSON object."""
         alarms = [asdict(alarm) for _, alarm in sorted(self.alarms.items())]
-        totals: Record = {name: value for name, value in asdict(self).items() if name not in {"cycle_ms", "alarms"}}
+        totals: Record = {
+            name: value for name, value in asdict(self).items() if name not in {"timed", "cycle_ms", "alarms"}
+        }
         means: Record = {"mean_cycle_ms": self.mean_cycle_ms, "alarms_per_hour": self.alarms_per_hour}
         return totals | means | {"alarms": alarms}
 
     def lines(self) -> list[str]:
         """Return the totals as lines of text."""
-        mean = "" if self.mean_cycle_ms is None else f", mean {self.mean_cycle_ms / 1000:.2f} s"
+        mean = "" if self.mean_cycle_ms is None else f", mean cycle {self.mean_cycle_ms / 1000:.2f} s"
         rate = "" if self.alarms_per_hour is None else f", {self.alarms_per_hour:.2f} per hour"
         count = sum(alarm.count for alarm in self.alarms.values())
         return [
             f"{self.day}  run {self.run}, {printable(self.program)} {printable(self.version)}",
             f"  recorded {self.recorded_ms / 3_600_000:.2f} h",
-            f"  trays {self.trays}, cycles {self.cycles}{mean}, missed cups {self.missed_cups}",
+            f"  trays {self.trays}, rows {self.rows}{mean}, missed cups {self.missed_cups}",
             f"  alarms {count}{rate}, at most {self.most_in_ten_minutes} in 10 minutes",
             *(
                 f"    {alarm.number}  {alarm.count:>4} x  {alarm.active_ms / 1000:>9.1f} s  {printable(alarm.text)}"
@@ -171,7 +175,9 @@ class _Summary:
     def _production(self) -> None:
         for page in pages(self._db, "events", self._window):
             for row in page:
-                self._total(row).trays += row["kind"] == "tray"
+                total = self._total(row)
+                total.trays += row["kind"] == "tray"
+                total.rows += row["kind"] == "row"
         missed: dict[object, int] = {}
         for page in pages(self._db, "cycles", RowSelection()):
             for row in page:
@@ -180,7 +186,7 @@ class _Summary:
                 missed[row["side"]] = now
                 if self._window.contains(integer(row, "utc_ms")):
                     total = self._total(row)
-                    total.cycles += 1
+                    total.timed += 1
                     total.cycle_ms += integer(row, "cycle_ms")
                     total.missed_cups += now - before if now >= before else now  # the count was reset in between
 

@@ -19,13 +19,15 @@ from typing import Final
 
 from controller.events.alarm_list import AlarmChange
 from controller.events.cycle_edges import Edge
-from controller.events.production import (
+from controller.events.kinds import (
     AlarmEvent,
     CycleEvent,
     Event,
     ModeEvent,
+    NextPressEvent,
     QuestionEvent,
     RefusalEvent,
+    RowEvent,
     StateEvent,
     TrayEvent,
 )
@@ -185,6 +187,10 @@ class HistoryWriter:
                 number = event.mode
             case TrayEvent():
                 number = event.trays_done
+            case RowEvent():
+                number, details = event.rows, ("side",)
+            case NextPressEvent():
+                number = event.press
             case _:
                 raise TypeError(f"no history table for {event}")
         record = asdict(event)

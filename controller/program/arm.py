@@ -266,12 +266,12 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
     going_in = steps["approach row"] | machine.jogs[f"{side}.slide_inward"]
     rungs: list[Rung] = [
         Pulse(a.thrown, when=thrown),
+        Inc(a.cycles, when=a.thrown & a.claws_known),  # a load that is only assumed is no row
+        Rst(a.cycles, when=tags.commands.count_reset),
         *_claws_memory(tags, a, steps, home, released),
         Set(a.count_valid, when=released),
         Set(a.row_running, when=released),
         Rst(a.row_running, when=~(machine.running | machine.stopping) | (machine.target_reached & ~a.loaded)),
-        Inc(a.cycles, when=a.thrown),
-        Rst(a.cycles, when=tags.commands.count_reset),
         Set(a.cycle_done, when=a.thrown & machine.mode.equals(Mode.ONE_CYCLE)),
         Rst(a.cycle_done, when=machine.state.equals(State.STARTING) | machine.mode.differs(Mode.ONE_CYCLE)),
         Set(a.retried, when=steps["return to row"]),

@@ -286,7 +286,7 @@ class ArmTags:
         self.out_of_service = retentive_m.bit("out of service", "the arm stays at feed and is not driven")
         self.rows = {row: retentive_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
         self.missed_cups = retentive_d.word("missed cups", "cups missed since the last reset of the counts")
-        self.cycles = retentive_d.word("cycles", "rows released over the cups")
+        self.cycles = retentive_d.word("cycles", "rows released over the cups; without those only assumed")
 
         self.cup_counter = Counter(index, f"{side}.cups", "cups since the last release")
         self.t_pulse = t10.timer("pulse interval", "shortest time between two cup pulses")

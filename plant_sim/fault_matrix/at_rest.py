@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from controller.events.production import AlarmEvent, StateEvent
+from controller.events.kinds import AlarmEvent, StateEvent
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.crop.seedling import TRAY_CELLS, SeedlingCounts

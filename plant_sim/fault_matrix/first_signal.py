@@ -9,7 +9,7 @@ from typing import NamedTuple
 from controller.core.expr import Bit, Word, leaves
 from controller.core.sequence import Sequence
 from controller.events.alarm_list import AlarmChange, AlarmList
-from controller.events.production import AlarmEvent, Event, StateEvent
+from controller.events.kinds import AlarmEvent, Event, StateEvent
 from controller.program.states import Reason, State
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 

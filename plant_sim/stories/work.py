@@ -55,7 +55,7 @@ def two_trays(stage: Stage) -> None:
     stage.end("homed")
     twin.start()
     for side in SIDES:
-        twin.run_until(twin.machine.tags.arms[side].cycles.equals(2), within_ms=TRAY_MS)
+        twin.run_until(twin.machine.tags.arms[side].cycles.equals(1), within_ms=TRAY_MS)
         stage.end(f"{side} row 1")
     complete(stage)
     begin_homing(twin)

@@ -47,7 +47,7 @@ class ReportedEvents:
     state: int = 0
     state_text: str = "not started"
     trays_done: int = 0
-    cycles: int = 0
+    rows: int = 0
     alarms: dict[int, str] = field(default_factory=dict)
 
     def apply(self, event: Record) -> None:
@@ -59,8 +59,8 @@ class ReportedEvents:
                 self.state, self.state_text = event["state"], event["text"] + reason
             case "tray":
                 self.trays_done = event["trays_done"]
-            case "cycle":
-                self.cycles += 1
+            case "row":
+                self.rows += 1
             case "alarm" if event["active"]:
                 self.alarms[event["number"]] = event["text"]
             case "alarm":
@@ -293,7 +293,7 @@ class LiveTrial:
                 elapsed_s=telemetry["time_ms"] / 1000,
                 state=progress.state_text,
                 tray=f"{progress.trays_done}/{trays}",
-                rows=f"{progress.cycles}/{ROWS_A_TRAY * trays}",
+                rows=f"{progress.rows}/{ROWS_A_TRAY * trays}",
                 in_cups=counts.in_cups,
                 lost=counts.P + counts.D + counts.T,
                 seedlings=counts.total,

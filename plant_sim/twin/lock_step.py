@@ -13,7 +13,8 @@ from controller.core.expr import Bit, Expr, any_of
 from controller.core.machine_code import MachineExecution
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc, PythonExecution
-from controller.events.production import AlarmEvent, CycleEvent, Event, ProductionLog
+from controller.events.kinds import AlarmEvent, CycleEvent, Event
+from controller.events.production import ProductionLog
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.iomap.loader import IoMap

@@ -170,7 +170,7 @@ def make_report(
     Args:
         seed: Seed of the plant.
         counts: Final location of the seedlings.
-        events: Records of the controller's events (`controller.events.production.as_record`).
+        events: Records of the controller's events (`controller.events.kinds.as_record`).
         reason: Reason for an incomplete trial; empty if it completed.
         simulated_s: Machine time, s.
         wall_s: Wall-clock time, s.

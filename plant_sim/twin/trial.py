@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from controller.events.production import as_record
+from controller.events.kinds import as_record
 from controller.iomap.loader import IoMap
 from controller.program.states import State
 from controller.program.texts.operator import STATES, Language

@@ -13,7 +13,7 @@ from typing import Final
 
 from controller.events.alarm_list import AlarmList, AlarmRow
 from controller.events.alarm_states import AlarmState
-from controller.events.production import CycleEvent, GapCause
+from controller.events.kinds import CycleEvent, GapCause
 from controller.io.loop import BOUNDS_US, LoopFigures
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime

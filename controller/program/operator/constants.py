@@ -7,9 +7,13 @@ removes power and air: X25 only informs the program.
 
 from __future__ import annotations
 
-from controller.core.expr import all_of, any_of
+from collections.abc import Callable
+
+from controller.core.expr import Word, all_of, any_of
 from controller.core.rungs import Out, Rst, Rung, Set, ZoneReset
+from controller.program.set_points import SetPoints
 from controller.program.tags import FIRST_SCAN, Tags
+from controller.program.texts.operator import CONSTANT, CONSTANTS, Text
 
 
 def constant_rungs(tags: Tags) -> list[Rung]:
@@ -30,3 +34,15 @@ def constant_rungs(tags: Tags) -> list[Rung]:
         Rst(machine.constants_open, when=all_of(machine.confirming, ~stop, known)),
         ZoneReset(machine.confirm_ready, machine.confirming, when=~machine.constants_open),
     ]
+
+
+def warning_text(warning: Text, set_points: SetPoints, read: Callable[[Word], int]) -> Text:
+    """Return the warning of machine constants with those that differ from their defaults.
+
+    None differs when the warning ends because a tool has written the defaults back.
+    """
+    changed = set_points.changed(read).items()
+    if not changed:
+        return warning
+    names = (", ".join(form.format(name=n, value=v, default=d) for n, (v, d) in changed) for form in CONSTANT)
+    return CONSTANTS.filled(warning=warning, constants=Text(*names))

@@ -221,6 +221,7 @@ def shift(tmp_path: Path) -> Path:
     before = [
         ("runs", 0, ("transplanter", "0.1.0")),
         event(0, "state", 6),
+        event(10 * MINUTE, "row", 1, detail='{"side":"left"}'),
         cycle(10 * MINUTE, "left", 15_000, 100),  # first recorded cycle: the time of these misses is unknown
         cycle(11 * MINUTE, "left", 17_000, 104),
         cycle(12 * MINUTE, "right", 16_001, 0),
@@ -299,7 +300,7 @@ def test_the_summary_counts_per_run_and_day(shift: Path) -> None:
         "version": "0.1.0",
         "recorded_ms": 2 * HOUR,
         "trays": 1,
-        "cycles": 3,
+        "rows": 3,
         "mean_cycle_ms": 16_000,
         "missed_cups": 4,
         "alarms_per_hour": 2.0,
@@ -310,7 +311,7 @@ def test_the_summary_counts_per_run_and_day(shift: Path) -> None:
         ],
         "most_in_ten_minutes": 2,
     }
-    fields = ("day", "recorded_ms", "trays", "cycles", "missed_cups", "alarms_per_hour")
+    fields = ("day", "recorded_ms", "trays", "rows", "missed_cups", "alarms_per_hour")
     assert [second[name] for name in fields] == ["2026-05-02", 3 * HOUR, 1, 1, 3, 0.0]
     assert [third[name] for name in fields] == ["2026-05-02", 2 * MINUTE, 0, 1, 2, None]
     assert third["alarms"] == [total(900, 1, MINUTE)]
@@ -320,7 +321,7 @@ def test_the_summary_as_text(shift: Path) -> None:
     assert command(shift, "--summary", "--until", "2026-05-02").splitlines() == [
         "2026-05-01  run 1, transplanter 0.1.0",
         "  recorded 2.00 h",
-        "  trays 1, cycles 3, mean 16.00 s, missed cups 4",
+        "  trays 1, rows 3, mean cycle 16.00 s, missed cups 4",
         "  alarms 4, 2.00 per hour, at most 2 in 10 minutes",
         "    903     2 x      180.0 s  alarm 903",
         "    941     1 x    11400.0 s  alarm 941",
@@ -332,7 +333,7 @@ def test_the_summary_of_a_period_counts_only_that_period(shift: Path) -> None:
     (only,) = json.loads(
         command(shift, "--summary", "--format", "json", "--since", "2026-05-01T22:11", "--until", "2026-05-01T22:31")
     )
-    assert (only["cycles"], only["missed_cups"], only["trays"]) == (2, 4, 1), "counted from a cycle before the period"
+    assert (only["rows"], only["missed_cups"], only["trays"]) == (2, 4, 1), "counted from a cycle before the period"
     assert only["recorded_ms"] == 20 * MINUTE
     assert only["alarms"] == [total(903, 1, 3 * MINUTE)]
     assert only["alarms_per_hour"] == 3.0

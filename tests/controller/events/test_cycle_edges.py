@@ -13,7 +13,8 @@ import pytest
 from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmList
 from controller.events.cycle_edges import MAX_EDGES, CycleEdges, Edge
-from controller.events.production import CycleEvent, ProductionLog
+from controller.events.kinds import CycleEvent
+from controller.events.production import ProductionLog
 from controller.history.writer import HistoryWriter
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build

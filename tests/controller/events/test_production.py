@@ -10,17 +10,17 @@ from typing import NamedTuple
 import pytest
 
 from controller.core.retentive_store import MemoryStore
-from controller.events.production import (
+from controller.events.kinds import (
     AlarmEvent,
     Event,
     ModeEvent,
-    ProductionLog,
     QuestionEvent,
     RefusalEvent,
     StateEvent,
     TrayEvent,
     as_record,
 )
+from controller.events.production import ProductionLog
 from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import ROWS, SIDES, Side
@@ -85,14 +85,37 @@ def test_events_are_flat_records_in_chronological_order() -> None:
     assert times == sorted(times)
     records = [as_record(event) for event in events]
     assert json.loads(json.dumps(records)) == records
-    assert {record["event"] for record in records} == {"state", "question", "cycle", "tray"}
+    assert {record["event"] for record in records} == {"state", "question", "cycle", "row", "tray"}
 
 
-def test_six_cycles_are_reported_and_the_row_assumed_at_the_start_is_not() -> None:
+def test_the_rows_are_counted_without_the_load_assumed_at_the_start() -> None:
+    """By the events of rows and of cycles, and by the registers that the panel shows."""
     twin = tray_run().twin
     for side in SIDES:
+        rows = [event.rows for event in twin.events if isinstance(event, RowEvent) and event.side == side]
+        assert rows == list(ROWS)
         assert [cycle.row for cycle in twin.cycles() if cycle.side == side] == list(ROWS)
-        assert twin.plc.read(twin.machine.tags.arms[side].cycles) == 4
+        assert twin.plc.read(twin.machine.tags.arms[side].cycles) == len(ROWS)
+
+
+def test_a_row_whose_cycle_is_interrupted_is_counted_once_everywhere() -> None:
+    """The lift jams when the row has been released: its cycle has no time, its row counts on panel, console, history."""
+    twin = at_work({"trays_target": 1})
+    arm = twin.machine.tags.arms["left"]
+    twin.run_until(arm.cycles.equals(1), within_ms=TRAY_MS)
+    fault = parse_fault("jammed:left.lift")
+    twin.plant.faults.add(fault)
+    twin.run_until_state(State.HELD, within_ms=TRAY_MS)
+    repair(twin, fault)
+    home_again(twin)
+    twin.start()
+    twin.run_until_state(State.COMPLETE, within_ms=TRAY_MS)
+    reported = ReportedEvents()
+    for event in twin.events:
+        reported.apply(as_record(event))
+    counted = sum(twin.plc.read(each.cycles) for each in twin.machine.tags.arms.values())
+    assert reported.rows == counted == len(ROWS) * len(SIDES)
+    assert len(twin.cycles()) < counted
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -332,4 +355,5 @@ def test_the_tray_question_is_reported() -> None:
     twin.command("tray_full")
     twin.scan()
     assert [event.active for event in questions(twin, "tray")] == [True, False]
-    assert isinstance(twin.events[-1], QuestionEvent)
+    assert isinstance(twin.events[-2], QuestionEvent)
+    assert twin.events[-1] == NextPressEvent(twin.events[-2].at_ms, NextPress.HOME, NEXT_PRESSES[NextPress.HOME].en)

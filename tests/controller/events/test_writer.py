@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.events.production import StateEvent, TrayEvent
+from controller.events.kinds import StateEvent, TrayEvent
 from controller.events.writer import EventWriter, ServingEvent
 
 EVENTS = (

@@ -19,7 +19,7 @@ import pytest
 from controller.events.alarm_list import AlarmChange
 from controller.events.alarm_states import AlarmState
 from controller.events.cycle_edges import Edge
-from controller.events.production import (
+from controller.events.kinds import (
     AlarmEvent,
     CycleEvent,
     Event,
@@ -299,7 +299,7 @@ import sys
 from itertools import count
 from pathlib import Path
 from controller.history.writer import HistoryWriter
-from controller.events.production import TrayEvent
+from controller.events.kinds import TrayEvent
 writer = HistoryWriter(Path(sys.argv[1]), wall_ms=lambda: 0, program="p", version="v",
                limit_bytes=100_000_000, max_pending=10_000_000)
 for n in count():

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.events.production import TrayEvent
+from controller.events.kinds import TrayEvent
 from controller.history.file import HistoryFile, HistoryRow, WalBusyError
 from controller.history.query import open_history
 from controller.history.schema import HistoryError

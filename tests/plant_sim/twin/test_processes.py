@@ -17,7 +17,8 @@ import pytest
 from controller.cli.main import main as controller_main
 from controller.core.retentive_store import FileStore, MemoryStore
 from controller.core.scan import Plc
-from controller.events.production import Event, ProductionLog
+from controller.events.kinds import Event
+from controller.events.production import ProductionLog
 from controller.io.modbus_tcp import ModbusTcpLink
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime

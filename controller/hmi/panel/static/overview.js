@@ -114,7 +114,7 @@ class ArmCard {
     const step = activeStep(view, this.steps);
     this.facts.write("step", step === null ? t("none") : `${step.s} ${named(`step.${step.title}`, step.title)}`);
     this.facts.write("row", facts.row ?? "–");
-    this.facts.write("loaded", t(`loaded.${facts.loaded ? 1 : 0}`));
+    this.facts.write("loaded", t(`loaded.${facts.loaded ? (facts.load_known ? 1 : "assumed") : 0}`));
     this.facts.write("missed", facts.missed_cups);
     this.facts.write("cycle", seconds(facts.cycle_ms));
     this.facts.write("waiting", seconds(facts.waiting_ms));

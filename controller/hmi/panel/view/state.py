@@ -155,6 +155,7 @@ class ViewBuilder:
             "spread": self._is(arm.is_spread),
             "converged": self._is(arm.is_converged),
             "loaded": self._is(arm.loaded),
+            "load_known": self._is(arm.claws_known),
             "out_of_service": self._is(arm.out_of_service),
             "claws_closed": self._is(arm.claws_closed),
             "step": active[-1] if active else None,

@@ -132,6 +132,7 @@ _OVERVIEW: Final = {
     "loaded": Text("Seedlings", "持苗"),
     "loaded.1": Text("Loaded", "有苗"),
     "loaded.0": Text("Empty", "无苗"),
+    "loaded.assumed": Text("Unknown, treated as loaded", "未知，按有苗处理"),
     "success": Text("Success rate S", "成功率 S"),
     "lost": Text("Lost P / D / T", "损失 P / D / T"),
     "in_cups": Text("In cups", "入杯"),

@@ -18,7 +18,8 @@ from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmList
 from controller.events.cycle_edges import CycleEdges
-from controller.events.production import Event, ProductionLog
+from controller.events.kinds import Event
+from controller.events.production import ProductionLog
 from controller.history.writer import HistoryWriter
 from controller.hmi.modbus.endpoint import HmiOptions
 from controller.hmi.modbus.server import HmiServer

@@ -8,7 +8,8 @@ from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmChange
 from controller.events.field_devices import FieldEvent, FieldReport
-from controller.events.production import AlarmEvent, Event, ProductionLog
+from controller.events.kinds import AlarmEvent, Event
+from controller.events.production import ProductionLog
 from controller.io.field.field_file import load_field
 from controller.io.field.link import DevicesLink
 from controller.io.output_guard import ModbusOutputGuard

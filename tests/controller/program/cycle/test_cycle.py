@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import pytest
 
-from controller.events.production import CycleEvent
+from controller.events.kinds import CycleEvent
 from controller.program.states import State
 from controller.program.tags import ROWS, SIDES, TAKEN, Side
 from plant_sim.twin.lock_step import Twin

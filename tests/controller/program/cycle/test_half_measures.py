@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from controller.events.production import RefusalEvent
+from controller.events.kinds import RefusalEvent
 from controller.program.states import Mode, State
 from controller.program.tags import FULL, IN_PLACE, IN_PROGRESS, ROWS, SIDES, TAKEN
 from plant_sim.twin.lock_step import Twin

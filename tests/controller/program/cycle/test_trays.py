@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from controller.core.retentive_store import MemoryStore
-from controller.events.production import RefusalEvent, TrayEvent
+from controller.events.kinds import RefusalEvent, TrayEvent
 from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import IN_PLACE, NO_TRAY, SIDES, Side

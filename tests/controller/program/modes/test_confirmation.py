@@ -13,7 +13,7 @@ from dataclasses import replace
 import pytest
 
 from controller.core.specification import Specification
-from controller.events.production import AlarmEvent
+from controller.events.kinds import AlarmEvent
 from controller.hmi.modbus.tag_list import tags as tag_list
 from controller.program.operator.next_press import NextPress
 from controller.program.operator.refusals import Refusal

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from controller.events.production import RefusalEvent, StateEvent
+from controller.events.kinds import RefusalEvent, StateEvent
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.twin.lock_step import Twin

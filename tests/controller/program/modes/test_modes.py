@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from controller.events.production import ModeEvent, RefusalEvent
+from controller.events.kinds import ModeEvent, RefusalEvent
 from controller.program.states import MODE_CHANGES, Mode, State
 from controller.program.tags import SIDES
 from controller.program.texts.operator import MODES

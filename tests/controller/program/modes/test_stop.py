@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from controller.core.expr import all_of
-from controller.events.production import StateEvent
+from controller.events.kinds import StateEvent
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import State

@@ -10,7 +10,7 @@ import re
 
 import pytest
 
-from controller.events.production import NextPressEvent, RefusalEvent, StateEvent
+from controller.events.kinds import NextPressEvent, RefusalEvent, StateEvent
 from controller.program.operator.next_press import NextPress, named_commands, what_to_do
 from controller.program.states import Mode, State
 from controller.program.texts.isolation import begins_with_isolation

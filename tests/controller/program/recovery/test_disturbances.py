@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from controller.events.production import RefusalEvent
+from controller.events.kinds import RefusalEvent
 from controller.program.operator.refusals import Refusal
 from controller.program.states import State
 from controller.program.tags import SIDES, Side

@@ -9,7 +9,7 @@ from collections.abc import Collection
 
 import pytest
 
-from controller.events.production import StateEvent
+from controller.events.kinds import StateEvent
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.twin.lock_step import SCAN_MS, Twin

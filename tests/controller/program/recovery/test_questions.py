@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from controller.events.production import QuestionEvent
+from controller.events.kinds import QuestionEvent
 from controller.program.states import State
 from controller.program.tags import FULL, IN_DOUBT, ROWS, SIDES, TAKEN, Side
 from plant_sim.crop.seedling import Location

@@ -10,7 +10,7 @@ import pytest
 from controller.core.clock import SimulatedClock
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
-from controller.events.production import StateEvent
+from controller.events.kinds import StateEvent
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from controller.core.expr import evaluate
-from controller.events.production import ModeEvent, RefusalEvent, StateEvent
+from controller.events.kinds import ModeEvent, RefusalEvent, StateEvent
 from controller.iomap.loader import IoMap
 from controller.program.operator.answers import Question
 from controller.program.operator.commands import ARM_OUTPUTS
