@@ -152,7 +152,7 @@ def tracked(*folders: str) -> set[str]:
 def test_the_wheel_contains_both_packages_and_nothing_else(distributions: Distributions) -> None:
     files = contents(distributions.wheel)
     packaged = {name for name in files if not name.startswith(f"{DIST_INFO}/")}
-    assert packaged == tracked(*PACKAGES) | {"controller/iomap/io_map.yaml"}
+    assert packaged == tracked(*PACKAGES) | {"controller/iomap/io_map.yaml", "controller/hmi/panel/machine.svg"}
     assert packaged >= DATA
     assert files["controller/iomap/io_map.yaml"] == (ROOT / "io_map.yaml").read_bytes()
     assert f"{DIST_INFO}/licenses/LICENSE" in files

@@ -15,7 +15,8 @@ from tests.sampling import one_in
 
 SETTING = MatrixSetup(trays=2)
 ALL = subjects(SETTING.twin().plant)
-EVERY = 10
+EVERY = 7
+"""Step of the sample by default; it contains faults with a consequence."""
 
 
 def fault_of(subject: Subject) -> Fault:
