@@ -213,6 +213,10 @@ def cycle(at_ms: int, side: str, cycle_ms: int, missed_cups: int) -> RecordedRow
     return "cycles", at_ms, (side, 1, cycle_ms, 0, missed_cups, "none", "[]")
 
 
+def row(at_ms: int) -> RecordedRow:
+    return event(at_ms, "row", 1, detail='{"side":"left"}')
+
+
 @pytest.fixture
 def shift(tmp_path: Path) -> Path:
     """Return the path of a history with one run that spans midnight and a later run."""
@@ -221,7 +225,7 @@ def shift(tmp_path: Path) -> Path:
     before = [
         ("runs", 0, ("transplanter", "0.1.0")),
         event(0, "state", 6),
-        event(10 * MINUTE, "row", 1, detail='{"side":"left"}'),
+        *(row(minute * MINUTE) for minute in (10, 11, 12, 13)),  # the cycle of the last one was interrupted
         cycle(10 * MINUTE, "left", 15_000, 100),  # first recorded cycle: the time of these misses is unknown
         cycle(11 * MINUTE, "left", 17_000, 104),
         cycle(12 * MINUTE, "right", 16_001, 0),
@@ -238,6 +242,7 @@ def shift(tmp_path: Path) -> Path:
         alarm(51 * MINUTE, 990, a.UNACKNOWLEDGED, a.NORMAL),
         alarm(110 * MINUTE, 941, a.NORMAL, a.LATCHED_UNACKNOWLEDGED),  # still set at the end of the run
         event(3 * HOUR, "tray", 2),
+        row(3 * HOUR),
         cycle(3 * HOUR, "left", 16_000, 3),  # the counters were reset, and three cups have been missed since
         event(5 * HOUR, "state", 2),
     ]
@@ -245,6 +250,7 @@ def shift(tmp_path: Path) -> Path:
     after = [
         ("runs", 0, ("transplanter", "0.1.1")),
         alarm(MINUTE, 900, a.NORMAL, a.UNACKNOWLEDGED),
+        row(2 * MINUTE),
         cycle(2 * MINUTE, "left", 14_000, 5),
     ]
     write(path, after, utc_ms("2026-05-02T08:00"))
@@ -300,7 +306,7 @@ def test_the_summary_counts_per_run_and_day(shift: Path) -> None:
         "version": "0.1.0",
         "recorded_ms": 2 * HOUR,
         "trays": 1,
-        "rows": 3,
+        "rows": 4,
         "mean_cycle_ms": 16_000,
         "missed_cups": 4,
         "alarms_per_hour": 2.0,
@@ -321,7 +327,7 @@ def test_the_summary_as_text(shift: Path) -> None:
     assert command(shift, "--summary", "--until", "2026-05-02").splitlines() == [
         "2026-05-01  run 1, transplanter 0.1.0",
         "  recorded 2.00 h",
-        "  trays 1, rows 3, mean cycle 16.00 s, missed cups 4",
+        "  trays 1, rows 4, mean cycle 16.00 s, missed cups 4",
         "  alarms 4, 2.00 per hour, at most 2 in 10 minutes",
         "    903     2 x      180.0 s  alarm 903",
         "    941     1 x    11400.0 s  alarm 941",
@@ -333,7 +339,7 @@ def test_the_summary_of_a_period_counts_only_that_period(shift: Path) -> None:
     (only,) = json.loads(
         command(shift, "--summary", "--format", "json", "--since", "2026-05-01T22:11", "--until", "2026-05-01T22:31")
     )
-    assert (only["rows"], only["missed_cups"], only["trays"]) == (2, 4, 1), "counted from a cycle before the period"
+    assert (only["rows"], only["missed_cups"], only["trays"]) == (3, 4, 1), "counted from a cycle before the period"
     assert only["recorded_ms"] == 20 * MINUTE
     assert only["alarms"] == [total(903, 1, 3 * MINUTE)]
     assert only["alarms_per_hour"] == 3.0

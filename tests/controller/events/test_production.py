@@ -14,19 +14,27 @@ from controller.events.kinds import (
     AlarmEvent,
     Event,
     ModeEvent,
+    NextPressEvent,
     QuestionEvent,
     RefusalEvent,
+    RowEvent,
     StateEvent,
     TrayEvent,
     as_record,
 )
 from controller.events.production import ProductionLog
+from controller.program.operator.next_press import NextPress
 from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import ROWS, SIDES, Side
+from controller.program.texts.next_press import NEXT_PRESSES
+from plant_sim.faults import parse_fault
+from plant_sim.twin.live import ReportedEvents
 from plant_sim.twin.lock_step import Twin
+from plant_sim.twin.recovery import home_again, repair
 from tests.plant_sim.twin.twin_rig import (
     ALARM,
+    TRAY_MS,
     ChangeRecorder,
     at_work,
     free,
