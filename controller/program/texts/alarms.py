@@ -7,56 +7,56 @@ from typing import Final
 from controller.common.declarations import Declared
 from controller.program.texts.operator import AlarmText, Text
 
-# The checks depend on the actuator and its direction, so all steps with the same motion share one text. Coils and
-# switches are named by their tags, which do not change if a wire is moved to another terminal.
+# The checks depend on the actuator and its direction, so all steps with the same motion share one text. Outputs,
+# switches and set-points are named in words, because an operator does not know the names of the program.
 _LIFT_UP: Final = Text(
-    "Coil lift_retract on? Lift valve, tubes, throttle; air pressure; guide jammed or load caught? With the arm up: "
-    "LED, position and wire of switch lift_up. Vent both chambers by hand before freeing a jam",
-    "线圈 lift_retract 是否得电；升降电磁阀、气管、节流阀；气压；导向卡滞或负载受阻；"
-    "臂在上限位时开关 lift_up 的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
+    "Output for arm up on? Lift valve, tubes, throttle; air pressure; guide jammed or load caught? With the arm up: "
+    "LED, position and wire of the upper switch. Vent both chambers by hand before freeing a jam",
+    "臂上升的输出是否接通；升降电磁阀、气管、节流阀；气压；导向卡滞或负载受阻；臂在上限位时上限位开关的指示灯、"
+    "安装位置和接线；排除卡滞前先手动排空气缸两腔",
 )
 _LIFT_DOWN: Final = Text(
-    "Coil lift_extend on? Lift valve, tubes, throttle; air pressure; guide jammed or something below? With the arm "
-    "down: LED, position and wire of switch lift_down. Vent both chambers by hand before freeing a jam",
-    "线圈 lift_extend 是否得电；升降电磁阀、气管、节流阀；气压；导向卡滞或下方有异物；"
-    "臂在下限位时开关 lift_down 的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
+    "Output for arm down on? Lift valve, tubes, throttle; air pressure; guide jammed or something below? With the arm "
+    "down: LED, position and wire of the lower switch. Vent both chambers by hand before freeing a jam",
+    "臂下降的输出是否接通；升降电磁阀、气管、节流阀；气压；导向卡滞或下方有异物；臂在下限位时下限位开关的指示灯、"
+    "安装位置和接线；排除卡滞前先手动排空气缸两腔",
 )
 _SLIDE_TO_ROW: Final = Text(
-    "Coil slide_inward (back: slide_outward) on? Slide valve, tubes, throttle; air pressure; rail jammed, magnetic "
-    "coupling lost? At the row: LED, position and wire of switches slide_at_pick_1 to slide_at_pick_3. Vent both "
-    "chambers by hand before freeing a jam",
-    "线圈 slide_inward（退回时为 slide_outward）是否得电；滑块电磁阀、气管、节流阀；气压；导轨卡滞或磁耦脱开；"
-    "在取苗位时开关 slide_at_pick_1 至 slide_at_pick_3 的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
+    "Output for slide inward (back: outward) on? Slide valve, tubes, throttle; air pressure; rail jammed, magnetic "
+    "coupling lost? At the row: LED, position and wire of the pick switches 1 to 3. Vent both chambers by hand before "
+    "freeing a jam",
+    "滑块向内（退回时为向外）的输出是否接通；滑块电磁阀、气管、节流阀；气压；导轨卡滞或磁耦脱开；在取苗位时取苗位 1 至 "
+    "3 开关的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
 )
 _SLIDE_TO_FEED: Final = Text(
-    "Coil slide_outward on? Slide valve, tubes, throttle; air pressure; rail jammed, magnetic coupling lost, claws "
-    "caught? At feed: LED, position and wire of switch slide_at_feed. Vent both chambers by hand before freeing a jam",
-    "线圈 slide_outward 是否得电；滑块电磁阀、气管、节流阀；气压；导轨卡滞、磁耦脱开或夹爪受阻；"
-    "在投苗位时开关 slide_at_feed 的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
+    "Output for slide outward on? Slide valve, tubes, throttle; air pressure; rail jammed, magnetic coupling lost, "
+    "claws caught? At feed: LED, position and wire of the feed switch. Vent both chambers by hand before freeing a jam",
+    "滑块向外的输出是否接通；滑块电磁阀、气管、节流阀；气压；导轨卡滞、磁耦脱开或夹爪受阻；"
+    "在投苗位时投苗位开关的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
 )
 _SPREAD: Final = Text(
-    "Output spread on? Motor drive, fuse and cable; belt tension; a claw jammed or two claws caught? With the claws "
-    "spread: LED, position and wire of switch claws_spread",
-    "输出 spread 是否得电；电机驱动器、熔断器和电缆；同步带张力；夹爪卡滞或相互勾住；"
-    "夹爪分散后开关 claws_spread 的指示灯、安装位置和接线",
+    "Output for spreading on? Motor drive, fuse and cable; belt tension; a claw jammed or two claws caught? With the "
+    "claws spread: LED, position and wire of the spread switch",
+    "夹爪分散的输出是否接通；电机驱动器、熔断器和电缆；同步带张力；夹爪卡滞或相互勾住；夹爪分散后分散开关的指示灯、"
+    "安装位置和接线",
 )
 _CONVERGE: Final = Text(
-    "Output converge on? Motor drive, fuse and cable; belt tension; something between the claws? With the claws "
-    "converged: LED, position and wire of switch claws_converged",
-    "输出 converge 是否得电；电机驱动器、熔断器和电缆；同步带张力；夹爪之间有异物；"
-    "夹爪聚合后开关 claws_converged 的指示灯、安装位置和接线",
+    "Output for converging on? Motor drive, fuse and cable; belt tension; something between the claws? With the claws "
+    "converged: LED, position and wire of the converged switch",
+    "夹爪聚合的输出是否接通；电机驱动器、熔断器和电缆；同步带张力；夹爪之间有异物；夹爪聚合后聚合开关的指示灯、"
+    "安装位置和接线",
 )
 _CLAWS_CLOSE: Final = Text(
-    "Coil claws_close on? If on: claw valve, tubes. If off: slide still on its switch (slide_at_pick_1 to "
-    "slide_at_pick_3)? Arm down? Outputs delayed by a slow disk?",
-    "线圈 claws_close 是否得电；已得电：夹爪电磁阀、气管；未得电：滑块是否仍在相应开关"
-    "（slide_at_pick_1 至 slide_at_pick_3）上，臂是否在下限位，输出是否因磁盘写入慢而被延迟",
+    "Output for closing the claws on? If on: claw valve, tubes. If off: slide still on its pick switch (1 to 3)? Arm "
+    "down? Outputs delayed by a slow disk?",
+    "夹爪闭合的输出是否接通；已接通：夹爪电磁阀、气管；未接通：滑块是否仍在取苗位 1 至 3 的相应开关上，臂是否在下限位，"
+    "输出是否因磁盘写入慢而被延迟",
 )
 _CLAWS_OPEN: Final = Text(
-    "Coil claws_open on? If on: claw valve, tubes. If off: slide still in position (slide_at_feed or slide_at_pick_1 "
-    "to slide_at_pick_3)? Arm down? Outputs delayed by a slow disk?",
-    "线圈 claws_open 是否得电；已得电：夹爪电磁阀、气管；未得电：滑块是否仍在位（slide_at_feed 或 slide_at_pick_1 至 "
-    "slide_at_pick_3），臂是否在下限位，输出是否因磁盘写入慢而被延迟",
+    "Output for opening the claws on? If on: claw valve, tubes. If off: slide still on its switch (feed or pick 1 to "
+    "3)? Arm down? Outputs delayed by a slow disk?",
+    "夹爪张开的输出是否接通；已接通：夹爪电磁阀、气管；未接通：滑块是否仍在投苗位或取苗位 1 至 3 的开关上，"
+    "臂是否在下限位，输出是否因磁盘写入慢而被延迟",
 )
 
 _ALARMS: Final = {
@@ -64,8 +64,8 @@ _ALARMS: Final = {
         Text("Emergency stop pressed", "急停按钮已按下"),
         Text(
             "Make sure the machine is clear of people and release the button; if it was not pressed: safety relay, "
-            "wire of emergency_stop",
-            "确认机内无人后释放按钮；若无人按下：检查安全继电器和 emergency_stop 接线",
+            "wire of the button",
+            "确认机内无人后释放按钮；若无人按下：检查安全继电器和按钮接线",
         ),
     ),
     "link_lost": AlarmText(
@@ -80,8 +80,8 @@ _ALARMS: Final = {
         Text(
             "Controller log; CPU load of other programs; computer in sleep mode? If it recurs: restart the controller; "
             "FX2N: scan time in D8010 to D8012",
-            "控制器日志；是否有其他程序占用计算机，是否进入过休眠；再次出现时重启控制器；"
-            "FX2N：查看 D8010 至 D8012 的扫描时间",
+            "控制器日志；是否有其他程序占用计算机，是否进入过休眠；再次出现时重启控制器；FX2N：查看 D8010 至 D8012 "
+            "的扫描时间",
         ),
     ),
     "store_fault": AlarmText(
@@ -102,26 +102,25 @@ _ALARMS: Final = {
     "air_low": AlarmText(
         Text("Air pressure low", "气压过低"),
         Text(
-            "Compressor on, shut-off valve open? Regulator, filter, leaks; wire of switch air_pressure_ok",
-            "空压机是否运行，截止阀是否打开；减压阀、过滤器、漏气；开关 air_pressure_ok 接线",
+            "Compressor on, shut-off valve open? Regulator, filter, leaks; wire of the air pressure switch",
+            "空压机是否运行，截止阀是否打开；减压阀、过滤器、漏气；气压开关接线",
         ),
     ),
     "overrun": AlarmText(
         Text("{side} slide moved off the pick position after arriving", "{side}滑块到位后又离开取苗位"),
         Text(
-            "Slide too fast: throttle, air pressure; brake or check valves of the slide; position of the switches "
-            "slide_at_pick_1 to slide_at_pick_3",
-            "滑块过快：节流阀、气压；滑块制动器或单向阀；开关 slide_at_pick_1 至 slide_at_pick_3 的安装位置",
+            "Slide too fast: throttle, air pressure; brake or check valves of the slide; position of the pick switches "
+            "1 to 3",
+            "滑块过快：节流阀、气压；滑块制动器或单向阀；取苗位 1 至 3 开关的安装位置",
         ),
         comment="{side} slide left the pick position after arriving",
     ),
     "off home": AlarmText(
         Text("{side} arm moved off the home position without a command", "{side}臂自行离开原位"),
         Text(
-            "Moved manually? Leak at valve, check valve or tube of the lift or slide; switches lift_down, "
-            "slide_at_feed, claws_converged: LED and wire",
-            "是否被人推动；升降或滑块的电磁阀、单向阀、气管漏气；开关 lift_down、slide_at_feed、claws_converged "
-            "的指示灯和接线",
+            "Moved manually? Leak at valve, check valve or tube of the lift or slide; lower switch of the lift, feed "
+            "switch, converged switch: LED and wire",
+            "是否被人推动；升降或滑块的电磁阀、单向阀、气管漏气；升降下限位、投苗位和聚合开关的指示灯和接线",
         ),
         comment="{side} arm left home without a command",
     ),
@@ -130,30 +129,31 @@ _ALARMS: Final = {
         Text(
             "Did the arm move? If so: moved manually, or leak at valve, check valve or tube. If not: position, LED and "
             "wire of the switch that changed",
-            "臂是否移动过；已移动：被人推动，或电磁阀、单向阀、气管漏气；未移动：状态改变的开关的安装位置、指示灯和接线",
+            "臂是否移动过；已移动：被人推动，或电磁阀、单向阀、气管漏气；未移动：状态改变的开关的安装位置、"
+            "指示灯和接线",
         ),
     ),
     "lift switches": AlarmText(
         Text("{side} lift: both switches on, or a switch on too early", "{side}升降：上、下限位开关同时接通或过早接通"),
         Text(
-            "Switches lift_up and lift_down: which LED is wrong? Stuck switch, position on the cylinder, wires "
-            "shorted or swapped; after a jam the lift may have moved too fast: reset again. Both right? An interlock "
-            "has stopped the lift just before its end: check the other switches of the arm",
-            "开关 lift_up 和 lift_down：哪个指示灯不对；开关粘连、在气缸上的位置、接线短路或接反；"
-            "卡滞排除后升降可能动作过快，请再次复位；两开关均正常：升降在到位前被联锁停止，检查该臂其他开关",
+            "Upper and lower switch: which LED is wrong? Stuck switch, position on the cylinder, wires shorted or "
+            "swapped; after a jam the lift may have moved too fast: reset again. Both right? An interlock has stopped "
+            "the lift just before its end: check the other switches of the arm",
+            "上限位和下限位开关：哪个指示灯不对；开关粘连、在气缸上的位置、接线短路或接反；卡滞排除后升降可能动作过快，"
+            "请再次复位；两开关均正常：升降在到位前被联锁停止，检查该臂其他开关",
         ),
         comment="{side} lift: both switches on, or one too early",
     ),
     "slide switches": AlarmText(
         Text("{side} slide: two switches on, or a switch on too early", "{side}滑块：两个位置开关同时接通或过早接通"),
         Text(
-            "Switches slide_at_feed and slide_at_pick_1 to slide_at_pick_3: which LED is wrong? Stuck switch, metal "
-            "in front of it, wires shorted or swapped. After a jam the slide may have moved too fast: reset again. Row "
-            "spacing changed? Set-point slide_least. All right? An interlock has stopped the slide just before the "
-            "row: check the other switches of the arm and of the tray",
-            "开关 slide_at_feed 和 slide_at_pick_1 至 slide_at_pick_3：哪个指示灯不对；开关粘连、前方有金属物、"
-            "接线短路或接反；卡滞排除后滑块可能移动过快，请再次复位；行距改变时检查设定值 slide_least；"
-            "开关均正常：滑块在到位前被联锁停止，检查该臂其他开关和苗盘开关",
+            "Feed switch and pick switches 1 to 3: which LED is wrong? Stuck switch, metal in front of it, wires "
+            "shorted or swapped. After a jam the slide may have moved too fast: reset again. Row spacing changed? "
+            "Set-point of the minimum slide time. All right? An interlock has stopped the slide just before the row: "
+            "check the other switches of the arm and of the tray",
+            "投苗位开关和取苗位 1 至 3 开关：哪个指示灯不对；开关粘连、前方有金属物、接线短路或接反；"
+            "卡滞排除后滑块可能移动过快，请再次复位；行距改变时检查滑块最短移动时间的设定值；开关均正常："
+            "滑块在到位前被联锁停止，检查该臂其他开关和苗盘开关",
         ),
         comment="{side} slide: two switches on, or one too early",
     ),
@@ -163,50 +163,50 @@ _ALARMS: Final = {
             "{side}夹爪：分散、聚合开关同时接通或过早接通",
         ),
         Text(
-            "Switches claws_spread and claws_converged: which LED is wrong? Stuck switch, metal in front of it, wires "
-            "shorted or swapped",
-            "开关 claws_spread 和 claws_converged：哪个指示灯不对；开关粘连、前方有金属物、接线短路或接反",
+            "Spread and converged switch: which LED is wrong? Stuck switch, metal in front of it, wires shorted or "
+            "swapped",
+            "分散开关和聚合开关：哪个指示灯不对；开关粘连、前方有金属物、接线短路或接反",
         ),
         comment="{side} claws: spread and converged at once, or too early",
     ),
     "cup counts": AlarmText(
         Text("{side} row has counted two cups, the other row none", "{side}行已计两个苗杯，另一行没有计数"),
         Text(
-            "Both counters: LED of cup_pulse as cups pass, distance to the flags, wire; chain of the other row "
-            "broken or flags missing? Does a counter count a flag twice? Cups under the claws empty?",
-            "两个计数器：苗杯经过时 cup_pulse 的指示灯、与感应片的距离、接线；另一行链条断裂或感应片丢失；"
-            "计数器是否重复计数；夹爪下方苗杯是否为空",
+            "Both cup counters: LED as cups pass, distance to the flags, wire; chain of the other row broken or flags "
+            "missing? Does a counter count a flag twice? Cups under the claws empty?",
+            "两个苗杯计数器：苗杯经过时的指示灯、与感应片的距离、接线；另一行链条断裂或感应片丢失；计数器是否重复计数；"
+            "夹爪下方苗杯是否为空",
         ),
     ),
     "cups_fast": AlarmText(
         Text("Cups pass faster than permitted", "苗杯通过速度超过允许值"),
         Text(
-            "Tractor too fast? Counters cup_pulse: two pulses for one cup? Set-point cup_time_shortest. Cups under the "
-            "claws empty?",
-            "拖拉机是否过快；计数器 cup_pulse 是否对一个苗杯计两次；设定值 cup_time_shortest；夹爪下方苗杯是否为空",
+            "Tractor too fast? Cup counters: two pulses for one cup? Set-point of the shortest cup time. Cups under "
+            "the claws empty?",
+            "拖拉机是否过快；苗杯计数器是否对一个苗杯计两次；苗杯最短间隔时间的设定值；夹爪下方苗杯是否为空",
         ),
     ),
     "cups_implausible": AlarmText(
         Text("Cup pulses follow faster than the cups can", "苗杯脉冲间隔小于苗杯可能的间隔"),
         Text(
-            "Tractor accelerated abruptly? Both counters cup_pulse: two pulses for one cup, distance to the flags, "
+            "Tractor accelerated abruptly? Both cup counters: two pulses for one cup, distance to the flags, "
             "interference, shielding of the wires? Cups under the claws empty?",
-            "拖拉机是否急加速；两个计数器 cup_pulse：是否对一个苗杯计两次、与感应片的距离、干扰、电缆屏蔽；"
+            "拖拉机是否急加速；两个苗杯计数器：是否对一个苗杯计两次、与感应片的距离、干扰、电缆屏蔽；"
             "夹爪下方苗杯是否为空",
         ),
     ),
     "cups_ground": AlarmText(
         Text("Cups do not agree with the ground travel", "苗杯计数与地轮行程不符"),
         Text(
-            "Both counters cup_pulse: pulses doubled or missing? Sensor ground_pulse, its wheel and wire; drive wheel "
-            "slipping? Set-points ground_pulses_least and ground_pulses_most. Cups under the claws empty?",
-            "两个计数器 cup_pulse：脉冲是否重复或缺失；传感器 ground_pulse、地轮和接线；驱动轮是否打滑；"
-            "设定值 ground_pulses_least 和 ground_pulses_most；夹爪下方苗杯是否为空",
+            "Both cup counters: pulses doubled or missing? Ground wheel, its sensor and wire; drive wheel slipping? "
+            "Set-points of the ground pulses from cup to cup. Cups under the claws empty?",
+            "两个苗杯计数器：脉冲是否重复或缺失；地轮及其传感器和接线；驱动轮是否打滑；相邻苗杯间地轮脉冲数的设定值；"
+            "夹爪下方苗杯是否为空",
         ),
     ),
     "cups_slow": AlarmText(
         Text("Cups pass more slowly than permitted; the arms wait", "苗杯通过速度低于允许值，机械臂等待"),
-        Text("Drive faster; set-point cup_time_longest", "提高行驶速度；设定值 cup_time_longest"),
+        Text("Drive faster; set-point of the longest cup time", "提高行驶速度；苗杯最长间隔时间的设定值"),
     ),
     "approach row": AlarmText(Text("{side} slide did not reach the row", "{side}滑块未到达取苗位"), _SLIDE_TO_ROW),
     "return to row": AlarmText(Text("{side} slide did not return to the row", "{side}滑块未退回取苗位"), _SLIDE_TO_ROW),
@@ -279,31 +279,32 @@ _ALARMS: Final = {
     "tray_jam": AlarmText(
         Text("Tray did not leave the pick position", "苗盘未离开取苗位"),
         Text(
-            "Outputs tray_run and tray_forward on? Stepper drive and its supply; belt slipping, tray caught; next tray "
-            "less than 40 mm behind, or inserted under the sensor; tray_front_edge dirty or covered: LED, wire",
-            "输出 tray_run 和 tray_forward 是否得电；步进驱动器及其电源；输送带打滑、苗盘卡住；"
-            "后一苗盘间距不足 40 mm，或被放在传感器下；tray_front_edge 脏污或被遮挡：指示灯、接线",
+            "Outputs of the tray conveyor on (run and forward)? Stepper drive and its supply; belt slipping, tray "
+            "caught; next tray less than 40 mm behind, or inserted under the sensor; tray sensor dirty or covered: "
+            "LED, wire",
+            "苗盘输送带的输出（运行和正转）是否接通；步进驱动器及其电源；输送带打滑、苗盘卡住；后一苗盘间距不足 40 mm，"
+            "或被放在传感器下；苗盘传感器脏污或被遮挡：指示灯、接线",
         ),
     ),
     "tray_lost": AlarmText(
         Text("Tray missing at the pick position", "取苗位苗盘丢失"),
         Text(
-            "Tray removed or pushed? Sensor tray_front_edge: alignment, dirt, LED, wire",
-            "苗盘是否被取走或推动；传感器 tray_front_edge：对准、脏污、指示灯、接线",
+            "Tray removed or pushed? Tray sensor: alignment, dirt, LED, wire",
+            "苗盘是否被取走或推动；苗盘传感器：对准、脏污、指示灯、接线",
         ),
     ),
     "magazine_empty": AlarmText(
         Text("Tray magazine empty", "苗盘仓已空"),
         Text(
-            "Fill the magazine; if it is not empty: sensor magazine_empty and its wire",
-            "补充苗盘；若仍有苗盘：检查传感器 magazine_empty 及其接线",
+            "Fill the magazine; if it is not empty: its sensor and wire",
+            "补充苗盘；若仍有苗盘：检查苗盘仓传感器及其接线",
         ),
     ),
     "stop_stuck": AlarmText(
         Text("Stop button pressed or its wire broken: start not possible", "停止按钮或其线路断开，无法启动"),
         Text(
-            "Stop button released? Contact block, wire and terminal of stop (normally closed: on while released)",
-            "停止按钮是否释放；stop 的触点、接线和端子（常闭：释放时接通）",
+            "Stop button released? Contact block, wire and terminal of the button (normally closed: on while released)",
+            "停止按钮是否释放；按钮的触点、接线和端子（常闭：释放时接通）",
         ),
     ),
     "start_stuck": AlarmText(
@@ -312,8 +313,8 @@ _ALARMS: Final = {
             "启动按钮接通超过 10 秒：断开前无效",
         ),
         Text(
-            "Start button released? Contact block welded or jammed; wire and terminal of start",
-            "启动按钮是否释放；触点是否粘连或卡住；start 的接线和端子",
+            "Start button released? Contact block welded or jammed; its wire and terminal",
+            "启动按钮是否释放；触点是否粘连或卡住；其接线和端子",
         ),
     ),
     "reset_stuck": AlarmText(
@@ -322,7 +323,7 @@ _ALARMS: Final = {
             "复位按钮接通超过 10 秒：断开前无效",
         ),
         Text(
-            "Reset button released? Contact block welded or jammed; wire and terminal of reset",
+            "Reset button released? Contact block welded or jammed; its wire and terminal",
             "复位按钮是否释放；触点是否粘连或卡住；其接线和端子",
         ),
     ),
@@ -330,7 +331,7 @@ _ALARMS: Final = {
         Text("A machine constant differs from its default", "机器常数与默认值不同"),
         Text(
             "Intended for this machine? The parameter page and the messages at the start name it; it is given at each "
-            "start with --set or --constants",
+            "start of the controller",
             "是否适用于本机；参数页面和启动信息列出该常数；每次启动时须重新给定",
         ),
     ),
@@ -348,8 +349,8 @@ _ALARMS: Final = {
         ),
         Text(
             "Slip of the drive wheel? Gear or speed of the planter; set-points: planter pitch, ground pulse, limits of "
-            "lambda; sensor ground_pulse and its wire",
-            "驱动轮是否打滑；栽植器传动比或速度；栽植器间距、地轮脉冲和 λ 范围的设定值；传感器 ground_pulse 及其接线",
+            "lambda; sensor of the ground wheel and its wire",
+            "驱动轮是否打滑；栽植器传动比或速度；栽植器间距、地轮脉冲和 λ 范围的设定值；地轮传感器及其接线",
         ),
     ),
     "outputs_taken": AlarmText(
