@@ -107,7 +107,7 @@ def test_the_rows_are_counted_without_the_load_assumed_at_the_start() -> None:
 
 
 def test_a_row_whose_cycle_is_interrupted_is_counted_once_everywhere() -> None:
-    """The lift jams when the row has been released: its cycle has no time, its row counts on panel, console, history."""
+    """The lift jams when the row has been released: its cycle has no time, its row counts everywhere."""
     twin = at_work({"trays_target": 1})
     arm = twin.machine.tags.arms["left"]
     twin.run_until(arm.cycles.equals(1), within_ms=TRAY_MS)

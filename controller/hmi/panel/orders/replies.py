@@ -55,8 +55,8 @@ REPLIES: Final = {
     "no set-point": Text("unknown set-point {name!r}", "未知设定值 {name!r}"),
     "range": Text("enter {lowest} to {highest}", "请输入 {lowest} 至 {highest}"),
     "at start": Text(
-        "machine constant: can only be set with --set when the controller starts",
-        "此值为机器常数，只能在控制器启动时用 --set 设定",
+        "machine constant: can only be given when the controller starts",
+        "此值为机器常数，只能在控制器启动时给定",
     ),
     "no output": Text("output {name!r} cannot be jogged", "输出 {name!r} 不可点动"),
     "jog taken": Text("another operator is jogging an output", "其他操作员正在点动"),

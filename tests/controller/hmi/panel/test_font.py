@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import pkgutil
 import re
 import shutil
 import subprocess
@@ -17,10 +15,10 @@ from typing import Any, Final
 import pytest
 from fontTools.ttLib import TTFont
 
-import controller
 from controller.hmi.panel.web.app import STATIC
 from scripts import foreign_files
 from scripts.foreign_files import CHINESE, FOLDER, MARK, WEIGHTS, ForeignFileError, characters, get_build_hook, make
+from tests.controller.hmi.panel.text_tables import declared_values
 from tests.paths import ROOT
 
 MOST_BYTES: Final = 400_000
@@ -54,11 +52,7 @@ def is_chinese(character: str) -> bool:
 @cache
 def texts() -> frozenset[str]:
     """Return the strings with Chinese characters in the tables of all modules of the controller."""
-    found: set[str] = set()
-    for module in pkgutil.walk_packages(controller.__path__, "controller."):
-        if not module.name.endswith("__main__"):
-            for name, value in vars(importlib.import_module(module.name)).items():
-                found.update(strings(value) if not name.startswith("__") else ())
+    found = {text for _, value in declared_values() for text in strings(value)}
     found.update(re.findall(r'"([^"\n]*)"', (STATIC / "main.js").read_text(encoding="utf-8")))
     return frozenset(text for text in found if any(map(is_chinese, text)))
 
