@@ -172,7 +172,7 @@ def test_the_count_reset_clears_trays_cycles_and_missed_cups() -> None:
     to_complete(twin)
     tags = twin.machine.tags
     words = [tags.machine.trays_done, *(w for arm in tags.arms.values() for w in (arm.cycles, arm.missed_cups))]
-    assert [twin.plc.read(word) for word in words] == [1, 4, 3, 4, 3]
+    assert [twin.plc.read(word) for word in words] == [1, 3, 3, 3, 3]
     twin.command("count_reset")
     twin.scan()
     assert [twin.plc.read(word) for word in words] == [0] * 5

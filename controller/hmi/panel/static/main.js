@@ -141,7 +141,7 @@ class PanelFrame {
     mark(this.state, "data-state", machine.state);
     write(this.next, `→ ${sentence(localized(machine.next))}`);
     this.next.hidden = machine.next_press === 0;
-    this.isolation.hidden = !machine.next.isolate;
+    this.isolation.hidden = !machine.isolate;
   }
 
   #strip(node, text) {

@@ -33,7 +33,7 @@ export class RecoveryPage {
   update(view) {
     const { machine } = view;
     write(this.next, sentence(localized(machine.next)));
-    this.isolation.hidden = !machine.next.isolate;
+    this.isolation.hidden = !machine.isolate;
     this.facts.write("state", localized(app.describe.states[machine.state]));
     this.facts.write("mode", sentence(localized(app.describe.modes[machine.mode])));
     this.facts.write("reason", sentence(localized(app.describe.reasons[machine.reason])) || t("none"));

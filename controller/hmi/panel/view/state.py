@@ -108,6 +108,7 @@ class ViewBuilder:
 
     def _control(self) -> Json:
         machine = self._tags.machine
+        line = what_to_do(self._tags, self._machine.alarms, self._read) or NEXT_PRESSES[NextPress.NONE]
         return {
             "state": self._read(machine.state),
             "mode": self._read(machine.mode),
@@ -116,7 +117,8 @@ class ViewBuilder:
             "trays_done": self._read(machine.trays_done),
             "refusals": self._read(machine.refusals),
             "refusal": self._refusal(),
-            "next": self._line(),
+            "next": in_both(line),
+            "isolate": begins_with_isolation(line),
             "next_press": self._read(machine.next_press),
             "rows_left": self._read(machine.rows_left),
             "time_ms": self._mirror.long(status.R_TIME_MS),
@@ -135,11 +137,6 @@ class ViewBuilder:
         if command is None or reason not in set(Refusal):
             return None
         return in_both(refused_text(command, Refusal(reason), what_to_do(self._tags, self._machine.alarms, self._read)))
-
-    def _line(self) -> Json:
-        """Return the line that says what to do now, and whether it sends a hand into the machine."""
-        line = what_to_do(self._tags, self._machine.alarms, self._read) or NEXT_PRESSES[NextPress.NONE]
-        return {**in_both(line), "isolate": begins_with_isolation(line)}
 
     def _arm(self, side: Side) -> Json:
         arm = self._tags.arms[side]
