@@ -263,7 +263,7 @@ def _record(subject: Subject, outcome: Outcome) -> dict[str, object]:
         "D": counts.D,
         "T": counts.T,
         "recovered": outcome.recovered,
-        "presses": [each.presses for each in outcome.followed],
+        "presses": [str(each.presses) for each in outcome.followed],
         "monitors": [f"{kind}: {text}" for kind, text in outcome.trips.items()],
         "findings": complaints(subject, outcome),
     }
