@@ -18,7 +18,7 @@ from tests.project.test_style import PACKAGES, blocks, trees
 
 GLOSSARY: Final = DOCS / "glossary.md"
 OFFENDERS: Final = ROOT / "tests/project/glossary_offenders.yaml"
-OFFENDERS_LEFT: Final = 59
+OFFENDERS_LEFT: Final = 58
 """Entries of the list of offenders. The number only decreases."""
 COLUMNS: Final = ["Term", "Meaning", "Names in", "Elsewhere", "Not"]
 WORD: Final = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")

@@ -1,4 +1,4 @@
-"""What to do now: the next useful press of the operator, one line that panel, console and tag list share."""
+"""Line that says what to do now: the next useful press of the operator, shared by panel, console and tag list."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.operator.next_press import NextPress
 from controller.program.states import State
-from controller.program.tags import SIDES
+from controller.program.tags import ROWS, SIDES
 from plant_sim.cli.faults import run_matrix
 from plant_sim.cli.main import main
 from plant_sim.crop.incident import Incident
@@ -303,12 +303,14 @@ def test_a_line_that_is_refused_or_leads_nowhere_is_told(isolated: bool, monkeyp
 
 
 def test_a_csv_line_equals_the_record() -> None:
-    row = MatrixRow(subject_of(JAM), [replace(SOUND, asked=["left loaded", "tray"], trips={"double": "cup 3, again"})])
+    followed = [Followed(2, 0, (), ""), Followed(4, 0, (), "")]
+    told = replace(SOUND, asked=["left loaded", "tray"], trips={"double": "cup 3, again"}, followed=followed)
+    row = MatrixRow(subject_of(JAM), [told])
     (line,) = csv.DictReader(as_csv(records([row]), COLUMNS).splitlines())
     (record,) = records([row])
     assert tuple(line) == tuple(record) == COLUMNS
     assert (line["after_ms"], line["asked"], line["monitors"]) == ("5500", "left loaded; tray", "double: cup 3, again")
-    assert line["recovered"] == "True"
+    assert (line["recovered"], line["presses"]) == ("True", "2; 4")
 
 
 def test_the_page_has_every_row_and_every_note() -> None:
@@ -505,4 +507,4 @@ def test_the_undisturbed_trial_is_the_reference() -> None:
     assert 2_000 < sound.begins_ms < 13_000
     assert 40_000 < sound.ends_ms < 90_000
     assert sound.counts.in_tray == sound.counts.in_claw == 0
-    assert sound.cycles == 2 * len(SIDES) * 2
+    assert sound.cycles == len(ROWS) * len(SIDES)

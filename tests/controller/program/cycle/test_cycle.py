@@ -288,7 +288,7 @@ def test_an_arm_that_has_finished_stays_at_home_and_misses_no_cups() -> None:
     arm = tags_of(twin, "right")
     for row in (2, 3):
         twin.plc.write(arm.rows[row], TAKEN)
-    twin.run_until(arm.cycles.equals(2), within_ms=200_000)
+    twin.run_until(arm.cycles.equals(1), within_ms=200_000)
     outputs = ChangeRecorder.of_outputs(twin)
     twin.run_until(twin.machine.tags.machine.trays_done.equals(1), within_ms=60_000)
     missed = twin.plc.read(arm.missed_cups)

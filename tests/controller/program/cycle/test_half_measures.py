@@ -74,10 +74,17 @@ def test_one_press_covers_cup_delay_and_opening() -> None:
     assert counts.T <= 2  # random losses of the crop, not a release beside the cups
 
 
+def opening() -> Twin:
+    """Return a machine whose left arm begins to release its first row; the load assumed before is no row."""
+    twin = at_work({"trays_target": 1})
+    for step in ("lift from row", "open claws"):
+        until_step(twin, "left arm", step, within_ms=60_000)
+    return twin
+
+
 def opening_ms() -> int:
     """Return the time at which the left row of an undisturbed machine counts as released."""
-    twin = at_work({"trays_target": 1})
-    until_step(twin, "left arm", "open claws", within_ms=60_000)
+    twin = opening()
     twin.run_until(~tags_of(twin, "left").loaded, within_ms=1_000)
     return twin.now_ms
 
@@ -86,8 +93,7 @@ def opening_ms() -> int:
 def test_a_row_counts_as_released_if_a_switch_sticks_as_its_claws_have_opened(ahead_ms: int) -> None:
     """A second switch of the slide that turns on in the scan in which the opening dwell ends does not prevent it."""
     sticks_ms = opening_ms() - ahead_ms
-    twin = at_work({"trays_target": 1})
-    until_step(twin, "left arm", "open claws", within_ms=60_000)
+    twin = opening()
     cycles = twin.plc.read(tags_of(twin, "left").cycles)
     twin.run_until(lambda: twin.now_ms >= sticks_ms, within_ms=1_000)
     arm_of(twin, "left").sensors["slide_at_pick_2"].stuck = True
