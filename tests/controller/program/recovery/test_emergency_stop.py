@@ -107,9 +107,7 @@ def check_trial(twin: Twin, route: Route, side: Side, *, discarded: bool) -> Non
         assert counts == wanted
     assert twin.plc.read(twin.machine.tags.machine.trays_done) == route.trays
     for each in SIDES:
-        thrown = (
-            1 + 3 * route.trays - (discarded and each == side)
-        )  # the row assumed at the start, then the rows of the trays
+        thrown = 3 * route.trays - (discarded and each == side)
         assert twin.plc.read(tags_of(twin, each).cycles) == thrown
 
 

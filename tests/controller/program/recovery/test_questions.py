@@ -243,8 +243,8 @@ def test_a_discarded_row_is_released_over_the_cups(side: Side, step: str) -> Non
     assert rows(twin, side) == [TAKEN, TAKEN, FULL]
     finish(twin)
     assert twin.plant.counts().in_tray == 0
-    assert twin.plc.read(tags_of(twin, side).cycles) == 3  # the row assumed at the start, rows 1 and 3
-    assert twin.plc.read(tags_of(twin, other_side(side)).cycles) == 4
+    assert twin.plc.read(tags_of(twin, side).cycles) == 2  # rows 1 and 3
+    assert twin.plc.read(tags_of(twin, other_side(side)).cycles) == 3
 
 
 @pytest.mark.parametrize("side", SIDES)
