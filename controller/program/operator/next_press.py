@@ -85,8 +85,9 @@ def _table(tags: Tags, orders: Orders) -> Iterator[tuple[NextPress, Expr]]:
     yield NextPress.JOG, machine.jogging
     yield NextPress.SEARCH_TRAY, suspended & tray.missing
     yield NextPress.UNSUSPEND, machine.running & machine.suspended_by_operator
+    answering_no = machine.no_armed & any_of(*asked(tags).values())
     tried = machine.start_pressed | ~machine.refused_now  # a refused press of X24 itself shows what else to press
-    yield NextPress.RELEASE_STOP, all_of(any_of(at_rest, idle, suspended), x.stop, ~machine.no_armed, tried)
+    yield NextPress.RELEASE_STOP, all_of(any_of(at_rest, idle, suspended), x.stop, ~answering_no, tried)
     yield NextPress.CLEAR, aborted
     yield NextPress.REMOVE_FAULT, aborted & faults
     yield NextPress.RELEASE_EMERGENCY_STOP, all_of(aborted, x.emergency_stop, ~system.link_lost)
