@@ -69,7 +69,7 @@ export class LineChart {
   }
 
   #grid(pen, width, x, y, scale) {
-    pen.strokeStyle = this.colour("line");
+    pen.strokeStyle = this.colour("grid");
     pen.fillStyle = this.colour("ink");
     pen.lineWidth = 1;
     pen.textAlign = "right";
