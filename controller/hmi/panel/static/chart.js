@@ -8,9 +8,7 @@ const LEFT = 46;
 const RIGHT = 8;
 const TOP = 8;
 const BOTTOM = 20;
-const INK = "#3b4248";
-const GRID = "#b9bec3";
-export const COLOURS = ["#1d4f7c", "#8a4b08", "#4d6b3a", "#5b3f7d"];
+const SERIES = 4; // colours in panel.css
 const DASHES = [[], [7, 4], [2, 3], [10, 3, 2, 3]];
 
 export class LineChart {
@@ -57,7 +55,9 @@ export class LineChart {
     this.canvas.height = Math.round(HEIGHT * ratio);
     const pen = this.canvas.getContext("2d");
     pen.scale(ratio, ratio);
-    pen.font = `11px ${window.getComputedStyle(this.canvas).fontFamily}`;
+    const style = window.getComputedStyle(this.canvas);
+    pen.font = `11px ${style.fontFamily}`;
+    this.colour = (name) => style.getPropertyValue(`--${name}`);
     const scale = this.#scale();
     if (scale === null) return;
     const x = (time) => LEFT + ((time - this.range[0]) / (this.range[1] - this.range[0])) * (width - LEFT - RIGHT);
@@ -69,8 +69,8 @@ export class LineChart {
   }
 
   #grid(pen, width, x, y, scale) {
-    pen.strokeStyle = GRID;
-    pen.fillStyle = INK;
+    pen.strokeStyle = this.colour("grid");
+    pen.fillStyle = this.colour("ink");
     pen.lineWidth = 1;
     pen.textAlign = "right";
     for (let value = scale.low; value <= scale.high + scale.grain / 2; value += scale.grain) {
@@ -86,7 +86,7 @@ export class LineChart {
   }
 
   #line(pen, values, n, x, y) {
-    pen.strokeStyle = COLOURS[n % COLOURS.length];
+    pen.strokeStyle = this.colour(`series-${n % SERIES}`);
     pen.setLineDash(DASHES[n % DASHES.length]);
     pen.lineWidth = 1.8;
     pen.beginPath();
@@ -107,11 +107,11 @@ export class LineChart {
   #crosshair(pen, x, y) {
     const index = this.#nearest(this.cross);
     if (index === -1) return;
-    pen.strokeStyle = INK;
+    pen.strokeStyle = this.colour("ink");
     stroke(pen, x(this.times[index]), TOP, x(this.times[index]), HEIGHT - BOTTOM);
     this.values.forEach((values, n) => {
       if (values[index] === null) return;
-      pen.fillStyle = COLOURS[n % COLOURS.length];
+      pen.fillStyle = this.colour(`series-${n % SERIES}`);
       pen.fillRect(x(this.times[index]) - 3, y(values[index]) - 3, 6, 6);
     });
     const read = this.series.map((one, n) => `${one.label} ${reading(this.values[n][index])}`);

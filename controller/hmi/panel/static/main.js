@@ -15,6 +15,7 @@ import { TrendsPage } from "./trends.js";
 import { releaseAll } from "./controls.js";
 import { make, mark, refill, write } from "./dom.js";
 import { isolation } from "./parts.js";
+import { THEMES, chooseTheme, theme } from "./theme.js";
 import { chooseLanguage, language, localized, sentence, t, useTexts } from "./texts.js";
 
 const EXECUTE = 6;
@@ -72,7 +73,14 @@ class PanelFrame {
   #header() {
     return make("div", { class: "header" },
       make("h1", { text: t("title") }),
-      this.linkLamp, this.login.node, this.#languages());
+      this.linkLamp, this.login.node, this.#themes(), this.#languages());
+  }
+
+  #themes() {
+    const choice = make("select", { "aria-label": t("theme"), "data-action": "theme", on: { change: () => chooseTheme(choice.value) } },
+      ...THEMES.map((name) => make("option", { value: name, text: t(`theme.${name}`) })));
+    this.theme = choice;
+    return choice;
   }
 
   #languages() {
@@ -121,6 +129,7 @@ class PanelFrame {
   update() {
     const { link } = app;
     mark(document.body, "data-link", link.status);
+    this.theme.value = theme(); // follows the computer's setting until the user chooses
     write(this.linkLamp, `${link.live ? "●" : "○"} ${t(link.live ? "link.live" : "link.stale_short")}`);
     this.#strip(this.stale, link.live ? "" : t(`link.${link.status}`));
     this.login.update();

@@ -13,6 +13,7 @@ const OPEN_DEG = 30;
 const OPEN_GAP_MM = 9;
 const CLOSED_GAP_MM = 4;
 const TRAY_STEP_MM = { 0: 0, 1: 0, 2: -150, 3: 150 };
+const TRAY_MARKS = { 0: "–", 4: "?" };
 
 /** Derive the dimensions of the drawing from the geometry of the description. */
 function dimensions(geometry) {
@@ -117,7 +118,7 @@ export class Mimic {
     const { phase, running, forward } = view.tray;
     mark(this.tray.node, "data-phase", phase);
     move(this.tray.node, 0, TRAY_STEP_MM[phase] ?? 0);
-    write(this.tray.mark, phase === 0 ? "?" : "");
+    write(this.tray.mark, TRAY_MARKS[phase] ?? "");
     mark(this.flow, "data-on", running ? (forward ? "forward" : "on") : null);
     for (const side of Object.keys(SIDES)) {
       for (const [row, group] of Object.entries(this.tray.cells[side])) {

@@ -29,6 +29,9 @@ _FORMATS: Final = {
 _FRAME: Final = {
     "title": Text("Seedling transplanter", "蔬菜移栽机"),
     "language": Text("Language", "语言"),
+    "theme": Text("Theme", "主题"),
+    "theme.grey": Text("Indoors", "室内"),
+    "theme.day": Text("Sunlight", "日光"),
     "tabs": Text("Pages", "页面"),
     "page.overview": Text("Overview", "总览"),
     "page.alarms": Text("Alarms", "报警"),
