@@ -153,8 +153,8 @@ class ExecutionPair(Pair):
     """Machine program run by both `Execution` implementations; replaces the pair of a program and its export."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         self.fast = with_machine_code(MACHINE.program, self.filter_ms)
+        super().__post_init__()
 
     def write(self, device: Bit | Word, value: int) -> None:
         self.soft.write(device, value)
@@ -167,6 +167,7 @@ class ExecutionPair(Pair):
         self.fast = with_machine_code(MACHINE.program, self.filter_ms)
         self.soft.restore_retained(retained)
         self.fast.restore_retained(retained)
+        self.give_constants()
 
     def scan(self, now_ms: int, levels: list[bool]) -> list[bool]:  # type: ignore[override]
         images = [plc.retentive_image() for plc in (self.soft, self.fast)]
@@ -190,7 +191,7 @@ def test_the_program_of_the_machine_has_equal_devices_after_every_scan(scans: in
     """The device values are equal in random scenarios with faults, power failures and late scans."""
     pairs = []
     for number in range(seed, seed + scans // A_STORY):
-        *_, (pair, _) = stories(number, A_STORY, pair=ExecutionPair())
+        *_, (pair, _) = stories(number, A_STORY, kind=ExecutionPair)
         pairs.append(pair)
     assert sum(pair.scans for pair in pairs) == scans
     assert sum(pair.moving for pair in pairs) > scans // 6, "cup pulses at random times hold the machine"

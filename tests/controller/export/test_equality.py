@@ -26,14 +26,26 @@ from plant_sim.scenario.run import run_scenario
 from plant_sim.twin import lock_step as twin_module
 from plant_sim.twin.trial import run_trial
 from tests.controller.export import fx_equality
-from tests.controller.export.fx_equality import EXPORTED, STEPS, Differs, Mirror, Pair, Recorded, stories
+from tests.controller.export.fx_equality import (
+    ACTING,
+    EXPORTED,
+    OTHER_CONSTANTS,
+    STEPS,
+    Differs,
+    Mirror,
+    Pair,
+    Recorded,
+    stories,
+    with_constants,
+)
 from tests.controller.fx.engine.fx_pair import PairedPlc
 from tests.controller.program.interlock_scene import MACHINE
 from tests.sampling import first_of
 
 A_STORY = 5_000
 SCENARIOS = sorted(SCENARIO_FILES.glob("*.yaml"))
-TAPE_SEEDS = (3, 11, 12, 13, 21, 34)
+TAPE_SEEDS = (24, 15, 44, 55, 79, 10, 51, 4)
+"""Seeds of the recorded runs, chosen for coverage: they reach nearly all steps and confirm machine constants."""
 INVERTED = {"LD": "LDI", "LDI": "LD", "AND": "ANI", "ANI": "AND", "OR": "ORI", "ORI": "OR", "SET": "RST", "RST": "SET"}
 
 
@@ -46,16 +58,17 @@ def compared(seeds: Iterable[int]) -> list[Pair]:
     return pairs
 
 
-@pytest.mark.parametrize("seeds", first_of([[4, 5, 10], range(13)]))
+@pytest.mark.parametrize("seeds", first_of([[2, 13, 19], range(13)]))
 def test_export_has_the_same_outputs_in_every_scan(seeds: Sequence[int]) -> None:
     """The outputs are equal; over a sixth of the scans have an output on, and nearly all steps occur.
 
-    Cup pulses at random times hold the machine.
+    Cup pulses at random times hold the machine. Machine constants that differ are confirmed.
     """
     pairs, scans = compared(seeds), len(seeds) * A_STORY
     assert sum(pair.scans for pair in pairs) == scans
     assert sum(pair.moving for pair in pairs) > scans // 6
     assert len(set().union(*(pair.visited for pair in pairs))) >= len(STEPS) - 12
+    assert any(pair.confirmed for pair in pairs)
 
 
 @pytest.mark.parametrize("scans", first_of([1_000, 3_000]))
@@ -71,10 +84,12 @@ def test_export_has_equal_devices_as_machine_code_in_every_scan(scans: int, monk
 @pytest.mark.nightly
 @pytest.mark.timeout(1_200)
 def test_a_million_scans() -> None:
-    """The outputs are equal in a million scans; with these seeds every step is reached, some only once or twice."""
+    """The outputs are equal in a million scans, which reach every step and confirm every machine constant."""
     pairs = compared(range(2_000, 2_200))
     assert sum(pair.scans for pair in pairs) == 200 * A_STORY
     assert set().union(*(pair.visited for pair in pairs)) == {name for _, name in STEPS}
+    confirmed: set[Word] = set().union(*(pair.constants for pair in pairs if pair.confirmed))
+    assert confirmed == {word for word, _ in OTHER_CONSTANTS}
 
 
 @pytest.fixture
@@ -152,8 +167,10 @@ def test_most_single_mutations_are_detected() -> None:
     """At least seven tenths of the mutations change an output, a relay or a state.
 
     One instruction in 100 is inverted or has its constant changed. A mutation is not detected if it has no effect in
-    these 24,000 scans: its command or fault never occurs, or the condition is redundant. These scans detect 32 of 41
-    mutations.
+    these 32,000 scans: its command or fault never occurs, or the condition is redundant. These scans detect 35 of 44
+    mutations. The others concern situations that do not occur: a press in step mode in three steps, a third row that is
+    put back, a row 1 that alone permits an approach, the end of production while a tray moves out, an accepted answer
+    "same tray", one of the jog commands, and an unhold that only one obstacle could refuse.
     """
     candidates = [
         i
@@ -206,16 +223,27 @@ def test_pulse_output_for_a_stepper_without_a_generator() -> None:
 
 
 def test_difference_is_reported_with_its_scan() -> None:
-    pair = Pair(mutated(WANTS[0]))
+    recorded = tape(TAPE_SEEDS[0])
+    pair = Pair(mutated(WANTS[0]), recorded.constants)
 
     def play() -> None:
-        for writes, now_ms, levels, _ in tape(TAPE_SEEDS[0]).scans:
+        for writes, now_ms, levels, _ in recorded.scans:
             for device, value in writes.items():
                 pair.write(device, value)
             pair.scan(now_ms, levels)
 
     with pytest.raises(Differs, match=r"scan \d+ at \d+ ms: Y"):
         play()
+
+
+def test_ladder_with_constants_equals_the_export_of_the_program_with_them() -> None:
+    constants = dict(OTHER_CONSTANTS)
+    assert constants.keys() == set(MACHINE.program.constants)
+    program = replace(ACTING, set_points=tuple((word, constants.get(word, value)) for word, value in ACTING.set_points))
+    changed = with_constants(EXPORTED, constants)
+    assert changed == export(program)
+    pairs = zip(changed.instructions, EXPORTED.instructions, strict=True)
+    assert sum(one != other for one, other in pairs) == len(constants)
 
 
 def test_scaled_words_are_equal_in_every_scan() -> None:

@@ -34,7 +34,6 @@ from controller.core.sequence import Sequence as Steps
 from controller.export.instruction_list import acting
 from controller.export.structured_text import WIDTH, structured_text
 from controller.export.structured_text_variables import RESERVED, address, identifier
-from tests.controller.export import fx_equality
 from tests.controller.export.fx_equality import Differs, Pair, stories
 from tests.controller.export.st_runner import StPlc, StProgram, parsed, tree_of
 from tests.controller.program.interlock_scene import MACHINE
@@ -57,8 +56,8 @@ class StPair(Pair):
     make: Callable[[], StPlc]
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         self.st = type(self).make()
+        super().__post_init__()
 
     def write(self, device: Bit | Word, value: int) -> None:
         self.soft.write(device, value)
@@ -69,6 +68,7 @@ class StPair(Pair):
         self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
         self.soft.restore_retained(retained)
         self.st.power_cycle()
+        self.give_constants()
 
     def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
         soft, st = self.soft.scan(now_ms, list(levels)), self.st.scan(now_ms, levels)
@@ -82,10 +82,9 @@ class StPair(Pair):
 def run_stories(make: Callable[[], StPlc], monkeypatch: pytest.MonkeyPatch, seeds: range, scans: int) -> list[Pair]:
     """Run random scenarios on the Structured Text and on the soft PLC in parallel."""
     monkeypatch.setattr(StPair, "make", staticmethod(make), raising=False)
-    monkeypatch.setattr(fx_equality, "Pair", StPair)
     pairs = []
     for seed in seeds:
-        *_, (pair, _) = stories(seed, scans)
+        *_, (pair, _) = stories(seed, scans, kind=StPair)
         pairs.append(pair)
     return pairs
 
