@@ -117,7 +117,7 @@ class _CycleTimer(Saved):
 class ProductionLog(Saved):
     """Generator of events from the changes between scans; an observer of the runtime."""
 
-    SAVED = ("_alarms", "_mode", "_next_press", "_questions", "_refusals", "_rows", "_state", "_trays")
+    SAVED = ("_alarms", "_line_from", "_mode", "_questions", "_refusals", "_rows", "_state", "_told_line", "_trays")
 
     def __init__(self, machine: Transplanter, report: Callable[[Event], None], language: Language = "en") -> None:
         """Create the log for a machine.
@@ -134,7 +134,9 @@ class ProductionLog(Saved):
         self._trays: int | None = None
         self._rows: dict[Side, int] = {}
         self._mode: int | None = None
-        self._refusals = self._next_press = 0
+        self._refusals = 0
+        self._line_from: tuple[int, ...] = ()
+        self._told_line = ""
         self._alarms: list[int] = []
         self._questions: list[str] = []
         self._cycles = [_CycleTimer(machine, side) for side in SIDES]
@@ -167,6 +169,7 @@ class ProductionLog(Saved):
             tags.machine.state,
             tags.machine.mode,
             tags.machine.next_press,
+            tags.machine.first_out,
             tags.machine.refusals,
             tags.machine.trays_done,
             *(arm.cycles for arm in tags.arms.values()),
@@ -186,7 +189,7 @@ class ProductionLog(Saved):
         self._report_operator_actions(now_ms, plc)
         self._report_alarms(now_ms, plc)
         self._report_questions(now_ms, plc)
-        self._report_next_press(now_ms, plc, told=entered or self._refusals != refusals)
+        self._report_line(now_ms, plc, told=entered or self._refusals != refusals)
         for timer in self._cycles:
             cycle = timer.update(now_ms, plc)
             if cycle is not None:
@@ -231,13 +234,16 @@ class ProductionLog(Saved):
                 self._report(RowEvent(now_ms, side, rows))
             self._rows[side] = rows
 
-    def _report_next_press(self, now_ms: int, plc: Plc, *, told: bool) -> None:
+    def _report_line(self, now_ms: int, plc: Plc, *, told: bool) -> None:
         """Report a changed line, unless an event of this scan has told it."""
-        press = plc.read(self._machine.tags.machine.next_press)
-        if press != self._next_press:
-            self._next_press = press
-            if not told:
-                self._report(NextPressEvent(now_ms, press, self._line(plc)))
+        machine = self._machine.tags.machine
+        read = tuple(plc.read(word) for word in (machine.next_press, machine.mode, machine.first_out))
+        if read == self._line_from:
+            return
+        before, self._line_from = self._told_line, read
+        self._told_line = self._line(plc)
+        if not told and self._told_line != before:
+            self._report(NextPressEvent(now_ms, read[0], self._told_line))
 
     def _report_alarms(self, now_ms: int, plc: Plc) -> None:
         alarms = plc.annunciators()

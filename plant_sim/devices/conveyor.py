@@ -144,9 +144,20 @@ class Conveyor(View, Saved):
         withheld: True while the magazine is prevented from placing a tray.
     """
 
-    SAVED = ("_known_m", "_next_number", "_seat_of", "_seats_m", "in_magazine", "skew_m", "skewed_m", "withheld")
+    SAVED = (
+        "_is_taken_off",
+        "_known_m",
+        "_next_number",
+        "_seat_of",
+        "_seats_m",
+        "in_magazine",
+        "skew_m",
+        "skewed_m",
+        "withheld",
+    )
 
     __slots__ = (
+        "_is_taken_off",
         "_known_m",
         "_next_number",
         "_seat_of",
@@ -204,6 +215,7 @@ class Conveyor(View, Saved):
         self._next_number = 0
         self._seat_of: dict[int, int] = {}
         self._known_m = 0.0
+        self._is_taken_off = False
         self._place_tray(0.0)
         self._limit_reverse()
 
@@ -245,11 +257,12 @@ class Conveyor(View, Saved):
             trays_m: Tray travel, m.
 
         Returns:
-            True if the trays have moved.
+            True if the trays have moved, or one has been taken off.
         """
         way_m = trays_m - self._known_m
-        if way_m == 0.0:
+        if way_m == 0.0 and not self._is_taken_off:
             return False
+        self._is_taken_off = False
         self._known_m = trays_m
         self._discharge_tray()
         if way_m > 0.0:
@@ -303,6 +316,7 @@ class Conveyor(View, Saved):
             KeyError: The tray is not on the belt.
         """
         self._remove(number)
+        self._is_taken_off = True
         self.beam.detect(any(0.0 <= front_m < self._spec.tray_length_m for front_m in self.front_m.values()))
 
     def _remove(self, number: int) -> None:

@@ -10,7 +10,17 @@ from controller.events.kinds import AlarmEvent, StateEvent
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.crop.seedling import TRAY_CELLS, SeedlingCounts
-from plant_sim.fault_matrix.run import RESTS, ROUNDS, TRAY_LIMIT_MS, MatrixSetup, Outcome, recover, thrown, undisturbed
+from plant_sim.fault_matrix.run import (
+    RESTS,
+    ROUNDS,
+    TRAY_LIMIT_MS,
+    MatrixSetup,
+    Outcome,
+    observe,
+    resume,
+    thrown,
+    undisturbed,
+)
 from plant_sim.fault_matrix.situations import TRAY_SWITCH, come_to_rest, twin_at
 from plant_sim.fault_matrix.stops import StopKind
 from plant_sim.faults import Fault
@@ -160,7 +170,8 @@ def _work(twin: Twin, book: Outcome) -> None:
 def _look_for_fault(twin: Twin, book: Outcome) -> None:
     book.state = book.state or twin.state.name
     book.rounds += 1
-    recover(twin, book)
+    observe(twin, book)
+    resume(twin, book)
     tags = twin.machine.tags
     done, target = twin.plc.read(tags.machine.trays_done), twin.plc.read(tags.sp.trays_target)
     twin.plc.write(tags.sp.trays_target, min(done + 1, target))

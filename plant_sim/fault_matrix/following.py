@@ -38,12 +38,14 @@ class Followed(NamedTuple):
     """Presses from a stop to Execute.
 
     Attributes:
+        isolated: True if the machine was isolated before the repair.
         presses: Number of presses and releases of buttons.
         questions: Number of questions answered.
         lines: Numbers of the lines followed, in order.
         why: Reason why Execute was not reached, or why a line was wrong; empty if there is none.
     """
 
+    isolated: bool
     presses: int
     questions: int
     lines: tuple[NextPress, ...]
@@ -80,7 +82,7 @@ def follow(twin: Twin, repair: Callable[[], None], *, isolated: bool) -> Followe
         operator.work()
     except NotReachedError as error:
         why = str(error)
-    followed = Followed(operator.presses, operator.questions, tuple(operator.lines), why)
+    followed = Followed(isolated, operator.presses, operator.questions, tuple(operator.lines), why)
     twin.restore(before)
     return followed
 
@@ -163,12 +165,10 @@ class _Follower:
             self._take_tray_off()
 
     def _take_tray_off(self) -> None:
-        plant = self._twin.plant
-        length_m = self._twin.parameters.conveyor.tray_length_m
-        for number, front_m in plant.conveyor.front_m.items():
+        conveyor, length_m = self._twin.plant.conveyor, self._twin.parameters.conveyor.tray_length_m
+        for number, front_m in conveyor.front_m.items():
             if 0.0 <= front_m < length_m:
-                plant.conveyor.take_off(number)
-        plant.lay_trays()
+                conveyor.take_off(number)
 
     def answer_no_tray(self) -> None:
         """Have a tray fed."""

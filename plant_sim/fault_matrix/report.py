@@ -56,17 +56,13 @@ COLUMNS = (
     "monitors",
     "findings",
 )
-JUDGED = ("presses", "findings")
-"""Columns of faults with an expectation."""
-SIZES_COLUMNS = tuple(name for name in COLUMNS if name not in JUDGED)
+SIZES_COLUMNS = COLUMNS[:-1]
 LEGEND = (
     "After the fault: minimum, median and maximum time. In its step: maximum time for which the timed-out step had",
     "been active, and its timeout. Lost: seedlings lost or left behind in excess of those of the undisturbed trial.",
-    "Harm: trials in which a monitor tripped. Silent harm: those of them without any signal until their end.",
-)
-PRESSES = (
     "Presses: most presses from a stop to Execute of an operator who follows only the line that says what to do now,",
     "without and with an isolation before the repair; in brackets, the most questions answered on the way.",
+    "Harm: trials in which a monitor tripped. Silent harm: those of them without any signal until their end.",
 )
 
 
@@ -140,7 +136,9 @@ class MatrixRow:
         followed = [each for outcome in self.outcomes for each in outcome.followed]
         if not followed:
             return "-"
-        most = " / ".join(str(max(each.presses for each in followed[start::2])) for start in range(2))
+        most = " / ".join(
+            str(max(each.presses for each in followed if each.isolated is isolated)) for isolated in (False, True)
+        )
         questions = max(each.questions for each in followed)
         return f"{most} ({questions})" if questions else most
 
@@ -176,16 +174,14 @@ def alarm_load(rows: Sequence[MatrixRow]) -> str:
 
 def sizes_markdown(rows: Sequence[MatrixRow]) -> str:
     """Return the matrix of other sizes, which have no expectation, as Markdown."""
-    shown = [number for number, name in enumerate(HEADING) if name not in JUDGED]
-    cells = ([row.cells()[number] for number in shown] for row in rows)
-    lines = markdown_table([HEADING[number] for number in shown], cells)
+    lines = markdown_table(HEADING[:-1], (row.cells()[:-1] for row in rows))
     return "\n".join([headline(rows), "", *lines, "", *LEGEND, ""])
 
 
 def markdown(rows: Sequence[MatrixRow]) -> str:
     """Return the headline, the matrix, the limits of detection and the findings as Markdown."""
     lines = [headline(rows), "", alarm_load(rows), "", *markdown_table(HEADING, (row.cells() for row in rows))]
-    lines += ["", *LEGEND, *PRESSES]
+    lines += ["", *LEGEND]
     notes = [f"- `{row.subject}`: {row.expected.note}" for row in rows if row.expected.note]
     if notes:
         lines += ["", "## Limits of detection", "", *notes]

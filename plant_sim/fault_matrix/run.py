@@ -49,8 +49,8 @@ class Outcome:
         in_doubt: Number of seedlings in the rows and trays affected by the questions.
         away: Arms that had no alarm and were not at feed when the machine was Held.
         rounds: Number of recoveries by the operator.
-        followed: For each stop, the presses of an operator who follows the line that says what to do now, first
-            without, then with an isolation of the machine before the repair.
+        followed: For each stop, the presses of an operator who follows the line that says what to do now, without and
+            with an isolation of the machine before the repair.
         counts: Final location of the seedlings.
         lost: Seedlings lost or left behind in excess of those in an undisturbed run.
         passed: True if a tray passed through the machine undetected, and the operator ended the trial without it.
@@ -288,23 +288,28 @@ def _work(twin: Twin, outcome: Outcome, listed: ListedAlarms, trays: int) -> Non
         outcome.rounds += 1
         if outcome.rounds > ROUNDS:
             raise NotReachedError(f"repeated stops; {twin.situation()}")
-        recover(twin, outcome, listed)
+        observe(twin, outcome)
+        listed.repaired()
+        mend = partial(_mend, twin, outcome.fault)
+        outcome.followed += [follow(twin, mend, isolated=isolated) for isolated in (False, True)]
+        resume(twin, outcome)
 
 
-def recover(twin: Twin, outcome: Outcome, listed: ListedAlarms | None = None) -> None:
-    """Observe the machine, repair the fault, clear the stop, answer the questions, home the machine and start it.
+def observe(twin: Twin, outcome: Outcome) -> None:
+    """Observe a stopped machine, and note its open questions."""
+    if twin.state is State.HELD:
+        outcome.away += away_from_feed(twin)
+    twin.run_for(OBSERVATION_MS)
+    _note_questions(twin, outcome)
+
+
+def resume(twin: Twin, outcome: Outcome) -> None:
+    """Repair the fault, clear the stop, answer the questions, home the machine and start it.
 
     Raises:
         NotReachedError: The machine does not resume.
     """
-    if twin.state is State.HELD:
-        outcome.away += away_from_feed(twin)
-    twin.run_for(OBSERVATION_MS)
-    if listed is not None:
-        listed.repaired()
-    _note_questions(twin, outcome)
-    outcome.followed += [follow(twin, partial(_mend, twin, outcome), isolated=each) for each in (False, True)]
-    _mend(twin, outcome)
+    _mend(twin, outcome.fault)
     if twin.state is State.SUSPENDED:
         conveyor = twin.plant.conveyor
         if not conveyor.front_m and not conveyor.in_magazine:
@@ -324,9 +329,9 @@ def recover(twin: Twin, outcome: Outcome, listed: ListedAlarms | None = None) ->
     twin.start()
 
 
-def _mend(twin: Twin, outcome: Outcome) -> None:
-    if any(fault.name == outcome.fault.name for fault in twin.plant.faults.active):
-        repair(twin, outcome.fault)
+def _mend(twin: Twin, fault: Fault) -> None:
+    if any(each.name == fault.name for each in twin.plant.faults.active):
+        repair(twin, fault)
 
 
 def away_from_feed(twin: Twin) -> list[str]:

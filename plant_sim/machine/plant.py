@@ -119,7 +119,7 @@ class Plant(Saved):
         )
         self._half_tray_m = machine.handling.tray_half_width_m
         self._bed = Bed(self.seedlings, pitch_m=machine.handling.cell_pitch_m)
-        self.lay_trays()
+        self._update_bed()
         self.left, self.right = (
             ArmPlant(
                 side,
@@ -272,14 +272,15 @@ class Plant(Saved):
         if y is not self._y and list(y) != self._y:
             self._latch_outputs(y)
         end_ms = self.time_ms + for_ms
+        faults = self.faults
         while self.time_ms < end_ms:
             chunk_ms = min(self.look_ms, end_ms - self.time_ms)
-            if self.faults.next_ms is not None:
-                chunk_ms = min(chunk_ms, self.faults.next_ms - self.time_ms)
+            if faults.next_ms is not None:
+                chunk_ms = min(chunk_ms, faults.next_ms - self.time_ms)
             self._advance(chunk_ms)
             self._apply_motion()
-            if self.faults.next_ms is not None:
-                self.faults.advance(self.time_ms)
+            if faults.next_ms is not None:
+                faults.advance(self.time_ms)
 
     def _advance(self, for_ms: int) -> None:
         """Advance all moving parts; the emergency-stop relay removes coil power and air regardless of the outputs."""
@@ -348,7 +349,7 @@ class Plant(Saved):
         """Update the trays to a new travel; return True if they have moved."""
         moved = self.conveyor.follow(trays_m)
         if moved:
-            self.lay_trays()
+            self._update_bed()
         return moved
 
     def _check_meeting(self, left_m: float, right_m: float) -> None:
@@ -358,8 +359,7 @@ class Plant(Saved):
             self._report(Incident.ARMS_COLLIDE, "both arms are inward of pick 2")
         self._arms_met = meet
 
-    def lay_trays(self) -> None:
-        """Adopt the places of the trays on the belt, also after one has been taken off."""
+    def _update_bed(self) -> None:
         conveyor = self.conveyor
         self._bed.lay(
             [(number, conveyor.offset_m(number)) for number in conveyor.front_m],

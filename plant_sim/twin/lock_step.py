@@ -146,8 +146,7 @@ class Twin(Watched):
         plc = Plc(program, execution=execution)
         for name, value in self._set_points.items():
             plc.write(getattr(self.machine.tags.sp, name), value)
-        retained = self.store.load()
-        if retained is not None:
+        if (retained := self.store.load()) is not None:
             plc.restore_retained(retained)
         self._link = InProcessLink(self.module)
         self._link.open()

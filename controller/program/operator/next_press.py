@@ -14,7 +14,7 @@ from controller.program.operator.buttons import due
 from controller.program.operator.commands import Command
 from controller.program.operator.refusals import Orders, Refusal, refusal_text
 from controller.program.states import HOMED_FROM, Mode, State
-from controller.program.tags import SIDES, Tags
+from controller.program.tags import Tags
 from controller.program.texts.next_press import IN_MODE, NEXT, NEXT_PRESSES, OF_ALARM
 from controller.program.texts.operator import MODES, Text
 
@@ -50,8 +50,6 @@ class NextPress(IntEnum):
 
 _BEFORE_ANSWERS: Final = NextPress.ANSWER_LEFT_LOADED - Question.LEFT_LOADED
 """Difference between the number of a press that answers and the number of its question."""
-
-
 _OF_MODE: Final = frozenset({NextPress.HOME, NextPress.START, NextPress.STEP})
 """Presses whose effect depends on the mode."""
 
@@ -67,6 +65,7 @@ def _table(tags: Tags, orders: Orders) -> Iterator[tuple[NextPress, Expr]]:
     state = machine.state
     asking = any_of(tray.ask, *(arm.ask for arm in tags.arms.values()))
     at_rest = any_of(*(state.equals(each) for each in HOMED_FROM))
+    answering_no = machine.no_armed & _any_question(tags)
     held, idle, aborted, suspended = (
         state.equals(each) for each in (State.HELD, State.IDLE, State.ABORTED, State.SUSPENDED)
     )
@@ -85,7 +84,6 @@ def _table(tags: Tags, orders: Orders) -> Iterator[tuple[NextPress, Expr]]:
     yield NextPress.JOG, machine.jogging
     yield NextPress.SEARCH_TRAY, suspended & tray.missing
     yield NextPress.UNSUSPEND, machine.running & machine.suspended_by_operator
-    answering_no = machine.no_armed & any_of(*asked(tags).values())
     tried = machine.start_pressed | ~machine.refused_now  # a refused press of X24 itself shows what else to press
     yield NextPress.RELEASE_STOP, all_of(any_of(at_rest, idle, suspended), x.stop, ~answering_no, tried)
     yield NextPress.CLEAR, aborted
@@ -97,29 +95,29 @@ def next_press_rungs(tags: Tags, orders: Orders) -> list[Rung]:
     """Return the rungs of the register with the next useful press; they follow the alarms of the scan."""
     machine = tags.machine
     answerable = ~machine.motion | machine.question.equals(Question.CUPS_EMPTY)  # others are refused until it ends
-    asking = machine.question.differs(0)
-    open_now = any_of(*asked(tags).values())  # the register of the question is older
+    asking = machine.question.differs(0) & _any_question(tags)  # the register of the question is older
     return [
         *(Mov(press, machine.next_press, when=when) for press, when in _table(tags, orders)),
-        Add(machine.question, _BEFORE_ANSWERS, machine.next_press, when=all_of(asking, answerable, open_now)),
+        Add(machine.question, _BEFORE_ANSWERS, machine.next_press, when=asking & answerable),
         Mov(NextPress.RELEASE_NOW, machine.next_press, when=any_of(*due(tags))),
     ]
+
+
+def _any_question(tags: Tags) -> Expr:
+    return any_of(*asked(tags).values())
 
 
 def named_commands(tags: Tags) -> Mapping[NextPress, tuple[Bit, ...]]:
     """Return the commands that the buttons named in the text of a press give, or that the text names itself."""
     commands = tags.commands
-    loaded = {
-        NextPress[f"ANSWER_{side.upper()}_LOADED"]: (commands.loaded_yes[side], commands.loaded_no[side])
-        for side in SIDES
-    }
     return {
         NextPress.HOME: (commands.reset,),
         NextPress.START: (commands.start,),
         NextPress.SEARCH_TRAY: (commands.start,),
         NextPress.STEP: (commands.step,),
         NextPress.CLEAR: (commands.clear,),
-        **loaded,
+        NextPress.ANSWER_LEFT_LOADED: (commands.loaded_yes["left"], commands.loaded_no["left"]),
+        NextPress.ANSWER_RIGHT_LOADED: (commands.loaded_yes["right"], commands.loaded_no["right"]),
         NextPress.ANSWER_SAME_TRAY: (commands.tray_same,),
         NextPress.ANSWER_FULL_TRAY: (commands.tray_full,),
         NextPress.ANSWER_NO_TRAY: (commands.tray_none,),

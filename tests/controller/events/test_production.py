@@ -12,6 +12,7 @@ import pytest
 from controller.core.retentive_store import MemoryStore
 from controller.events.kinds import (
     AlarmEvent,
+    CycleEvent,
     Event,
     ModeEvent,
     NextPressEvent,
@@ -32,6 +33,7 @@ from plant_sim.faults import parse_fault
 from plant_sim.twin.live import ReportedEvents
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import home_again, repair
+from tests.controller.program.recovery.test_ways_out import power_lost_clamping
 from tests.plant_sim.twin.twin_rig import (
     ALARM,
     TRAY_MS,
@@ -94,6 +96,36 @@ def test_events_are_flat_records_in_chronological_order() -> None:
     records = [as_record(event) for event in events]
     assert json.loads(json.dumps(records)) == records
     assert {record["event"] for record in records} == {"state", "question", "cycle", "row", "tray"}
+
+
+def test_an_event_occurs_only_after_a_scan_in_which_a_device_of_the_log_changed() -> None:
+    """Otherwise a run in machine code, which calls the log for these devices only, would report it late or never."""
+    twin = power_lost_clamping("left")
+    (log,) = (each for each in twin.runtime.observers if isinstance(each, ProductionLog))
+    late: list[Event] = []
+    values: list[int] = []
+
+    def check(twin: Twin) -> None:
+        nonlocal values, reported
+        before, values = values, [twin.plc.read(device) for device in log.devices]
+        if values == before:
+            late.extend(twin.events[reported:])
+        reported = len(twin.events)
+
+    twin.runtime.panel.read()
+    reported = len(twin.events)
+    twin.watch(check)
+    twin.press("start", for_ms=2_300)  # answers the question
+    twin.run_for(3_000)
+    for command in ("mode_step", "mode_continuous", "unhold"):  # the last one is refused
+        twin.command(command)
+        twin.run_for(100)
+    twin.home()
+    twin.start()
+    to_complete(twin)
+    kinds = {type(event) for event in twin.events}
+    assert {NextPressEvent, ModeEvent, RefusalEvent, QuestionEvent, RowEvent, TrayEvent, CycleEvent} <= kinds
+    assert late == []
 
 
 def test_the_rows_are_counted_without_the_load_assumed_at_the_start() -> None:

@@ -230,3 +230,21 @@ def test_the_pushers_take_up_their_play_before_a_tray_moves() -> None:
         rig.run(1, "tray_run")
     rig.run(100, "tray_run")
     assert conveyor.trays_m == conveyor.belt_m < at_m
+
+
+def test_a_tray_taken_off_leaves_the_beam_and_the_arms_and_the_next_one_follows() -> None:
+    rig, conveyor = make_conveyor()
+    while conveyor.placed_tray is None:
+        rig.run(10, *FORWARD)
+    rig.run(500)
+    seen = [(conveyor.beam.read(), rig.plant._bed.is_empty)]
+    conveyor.take_off(0)
+    rig.run(10)
+    seen.append((conveyor.beam.read(), rig.plant._bed.is_empty))
+    assert seen == [(True, False), (False, True)]
+    assert rig.plant.counts().in_tray == 2 * 72
+    assert conveyor.front_m == {}
+    rig.run(4_000, *FORWARD)
+    assert (list(conveyor.front_m), conveyor.beam.read()) == ([1], True)
+    with pytest.raises(KeyError):
+        conveyor.take_off(0)

@@ -242,7 +242,7 @@ def test_a_violation_is_accepted_only_where_it_is_expected() -> None:
 
 def test_the_table_contains_signal_times_and_losses() -> None:
     later = replace(SOUND, signal=SIGNAL._replace(at_ms=29_000, in_step_ms=4_960), lost=2, in_doubt=12, followed=[])
-    later.followed += [Followed(4, 0, (), ""), Followed(5, 1, (), "")]
+    later.followed += [Followed(False, 4, 0, (), ""), Followed(True, 5, 1, (), "")]
     row = MatrixRow(subject_of(JAM), [SOUND, later, replace(SOUND, signal=None, state="COMPLETE", rounds=0)])
     assert row.cells() == (
         "`jammed:slide`",
@@ -269,11 +269,14 @@ def test_the_table_contains_signal_times_and_losses() -> None:
 @pytest.mark.parametrize(
     ("followed", "complaint"),
     [
-        (Followed(4, 0, (NextPress.HOME,), ""), None),
-        (Followed(6, 1, (), ""), None),
-        (Followed(5, 0, (NextPress.CLEAR, NextPress.HOME), ""), "in 5 presses with 0 questions: CLEAR, HOME"),
-        (Followed(7, 1, (), ""), "in 7 presses with 1 questions: "),
-        (Followed(2, 0, (NextPress.START,), "START is refused"), "in 2 presses with 0 questions: START is refused"),
+        (Followed(True, 4, 0, (NextPress.HOME,), ""), None),
+        (Followed(True, 6, 1, (), ""), None),
+        (Followed(True, 5, 0, (NextPress.CLEAR, NextPress.HOME), ""), "in 5 presses with 0 questions: CLEAR, HOME"),
+        (Followed(True, 7, 1, (), ""), "in 7 presses with 1 questions: "),
+        (
+            Followed(False, 2, 0, (NextPress.START,), "START is refused"),
+            "in 2 presses with 0 questions: START is refused",
+        ),
     ],
 )
 def test_a_long_way_to_execute_is_a_finding(followed: Followed, complaint: str | None) -> None:
@@ -300,10 +303,12 @@ def test_a_line_that_is_refused_or_leads_nowhere_is_told(isolated: bool, monkeyp
     twin.plc.write(wrong, NextPress.CLEAR)
     monkeypatch.setattr(twin.machine.tags.machine, "next_press", wrong)
     assert follow(twin, lambda: None, isolated=False).why.startswith("CLEAR is refused; ")
+    twin.plc.write(wrong, NextPress.NONE)
+    assert follow(twin, lambda: None, isolated=False).why.startswith("Execute without a line not reached")
 
 
 def test_a_csv_line_equals_the_record() -> None:
-    followed = [Followed(2, 0, (), ""), Followed(4, 0, (), "")]
+    followed = [Followed(False, 2, 0, (), ""), Followed(True, 4, 0, (), "")]
     told = replace(SOUND, asked=["left loaded", "tray"], trips={"double": "cup 3, again"}, followed=followed)
     row = MatrixRow(subject_of(JAM), [told])
     (line,) = csv.DictReader(as_csv(records([row]), COLUMNS).splitlines())

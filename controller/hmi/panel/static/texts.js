@@ -1,23 +1,17 @@
 // Texts by key in the selected language; the server provides the table with the description.
 
+import { store, stored } from "./storage.js";
+
 const STORAGE_KEY = "panel-language";
 let table = {};
 let selected = "en";
 let chosen = null; // by the user of this page
 
-function storedLanguage() {
-  try {
-    return window.localStorage.getItem(STORAGE_KEY);
-  } catch {
-    return null; // storage is blocked: the selection is lost when the page closes
-  }
-}
-
 /** Take the texts, and the language from the user's choice, else the server's option, else the browser's settings. */
 export function useTexts({ texts, languages, language: preset }) {
   table = texts;
   const preferred = window.navigator.languages.map((tag) => tag.toLowerCase().split("-")[0]);
-  show([chosen, storedLanguage(), preset, ...preferred, "en"].find((name) => languages.includes(name)));
+  show([chosen, stored(STORAGE_KEY), preset, ...preferred, "en"].find((name) => languages.includes(name)));
 }
 
 function show(name) {
@@ -33,11 +27,7 @@ export function language() {
 export function chooseLanguage(name) {
   chosen = name;
   show(name);
-  try {
-    window.localStorage.setItem(STORAGE_KEY, name);
-  } catch {
-    // storage is blocked: the selection is lost when the page closes
-  }
+  store(STORAGE_KEY, name);
 }
 
 export function has(key) {

@@ -8,12 +8,11 @@ from itertools import combinations
 from typing import Any, Final, NamedTuple
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Page, expect
 
 from controller.program.states import State
-from tests.controller.hmi.panel.panel_page_rig import LiveMachine, PanelProcess
+from tests.controller.hmi.panel.screen import PAGES, maintained
 from tests.controller.hmi.panel.still_page import differing_points, picture, show, stand_still
-from tests.controller.hmi.panel.test_page import FLAGS, PAGES, Screen
 
 LEAST_POINTS: Final = 12
 """Least number of points in which two states differ: a stroke of a sign, more than a blurred edge."""
@@ -96,15 +95,10 @@ def in_numbers(changes: Changes, station: Station) -> Changes:
 
 @pytest.fixture(scope="module")
 def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
-    folder = tmp_path_factory.mktemp("vision")
-    with LiveMachine(folder) as live, PanelProcess(live, folder) as panel, sync_playwright() as playwright:
-        chromium: Browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS)
-        with Screen(chromium, panel.url, "maintain") as screen:
-            live.until_state(State.STOPPED)
-            expect(screen.find("[data-cups=left]")).to_be_visible()
-            stand_still(screen.page)
-            yield Station(screen.page, screen.page.evaluate(NUMBERS))
-        chromium.close()
+    with maintained(tmp_path_factory.mktemp("vision")) as (_, screen):
+        expect(screen.find("[data-cups=left]")).to_be_visible()
+        stand_still(screen.page)
+        yield Station(screen.page, screen.page.evaluate(NUMBERS))
 
 
 NUMBERS: Final = """async () => {

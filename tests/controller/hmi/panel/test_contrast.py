@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import Final
 
 import pytest
-from playwright.sync_api import Browser, CDPSession, Page, expect, sync_playwright
+from playwright.sync_api import CDPSession, Page, expect
 
 from controller.hmi.panel.view.texts import TEXTS
 from controller.program.states import State
-from tests.controller.hmi.panel.panel_page_rig import LiveMachine, PanelProcess
-from tests.controller.hmi.panel.test_page import FLAGS, PAGES, Screen, clear
+from tests.controller.hmi.panel.screen import PAGES, Maintained, Screen, clear, maintained
 
 TEXT_RATIOS: Final = {"grey": 4.5, "day": 7.0}
 """Least contrast of a text by theme (WCAG 2.2, 1.4.3 and 1.4.6)."""
@@ -100,23 +99,11 @@ MEASURE: Final = """
 switches in turn; the page draws nothing in between."""
 
 
-class Station(NamedTuple):
-    """Machine in Stopped, and the page of a maintainer."""
-
-    live: LiveMachine
-    screen: Screen
-
-
 @pytest.fixture(scope="module")
-def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
+def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Maintained]:
     """Yield a machine in Stopped with its page; each test must leave it so."""
-    folder = tmp_path_factory.mktemp("contrast")
-    with LiveMachine(folder) as live, PanelProcess(live, folder) as panel, sync_playwright() as playwright:
-        chromium: Browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS)
-        with Screen(chromium, panel.url, "maintain") as screen:
-            live.until_state(State.STOPPED)
-            yield Station(live, screen)
-        chromium.close()
+    with maintained(tmp_path_factory.mktemp("contrast")) as machine:
+        yield machine
 
 
 def force(session: CDPSession, pseudo_classes: tuple[str, ...]) -> None:
@@ -152,7 +139,7 @@ def choose_language(screen: Screen, language: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "language"), BOTH)
-def test_every_text_is_readable_in_every_state_of_the_controls(station: Station, name: str, language: str) -> None:
+def test_every_text_is_readable_in_every_state_of_the_controls(station: Maintained, name: str, language: str) -> None:
     """In both themes; also a control that is pressed under the pointer or after a touch, and outdated values."""
     choose_language(station.screen, language)
     station.screen.open(name)
@@ -160,7 +147,7 @@ def test_every_text_is_readable_in_every_state_of_the_controls(station: Station,
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_control_that_is_not_available_differs_by_its_form(station: Station, name: str) -> None:
+def test_a_control_that_is_not_available_differs_by_its_form(station: Maintained, name: str) -> None:
     """Its border is dashed, and that of every other control is not; the themes differ in colours only."""
     station.screen.open(name)
     borders = station.screen.page.evaluate(
@@ -172,7 +159,7 @@ def test_a_control_that_is_not_available_differs_by_its_form(station: Station, n
 
 
 @pytest.mark.parametrize(("name", "language"), [("overview", "zh"), ("alarms", "en"), ("recovery", "zh")])
-def test_every_text_is_readable_in_an_emergency_stop(station: Station, name: str, language: str) -> None:
+def test_every_text_is_readable_in_an_emergency_stop(station: Maintained, name: str, language: str) -> None:
     """With an alarm that is not acknowledged, and with the refusal of a press."""
     live, screen = station
     choose_language(screen, language)
@@ -196,7 +183,7 @@ def expect_theme(screen: Screen, theme: str) -> None:
     assert screen.page.evaluate("getComputedStyle(document.body.parentElement).backgroundColor") == BACKS[theme]
 
 
-def test_the_theme_follows_the_computer_until_it_is_chosen(station: Station) -> None:
+def test_the_theme_follows_the_computer_until_it_is_chosen(station: Maintained) -> None:
     """A choice, here with the keyboard, outlasts the setting of the computer and a reload."""
     _, screen = station
     expect_theme(screen, "grey")
@@ -213,7 +200,7 @@ def test_the_theme_follows_the_computer_until_it_is_chosen(station: Station) -> 
     expect_theme(screen, "day")
 
 
-def test_the_choice_of_the_theme_is_named_and_as_large_as_a_finger(station: Station) -> None:
+def test_the_choice_of_the_theme_is_named_and_as_large_as_a_finger(station: Maintained) -> None:
     _, screen = station
     for language in LANGUAGES:
         choose_language(screen, language)

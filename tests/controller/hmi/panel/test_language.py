@@ -10,7 +10,7 @@ from typing import Final
 
 import matplotlib as mpl
 import pytest
-from playwright.sync_api import Browser, CDPSession, expect, sync_playwright
+from playwright.sync_api import Browser, CDPSession, expect
 
 from controller.hmi.panel.view.describe import public
 from controller.hmi.panel.view.texts import TEXTS
@@ -18,7 +18,7 @@ from controller.program.states import State
 from controller.program.texts.operator import STATES
 from scripts.foreign_files import WEIGHTS, characters
 from tests.controller.hmi.panel.panel_page_rig import LiveMachine, PanelProcess
-from tests.controller.hmi.panel.test_page import FLAGS, Screen
+from tests.controller.hmi.panel.screen import Screen, chromium
 from tests.paths import ROOT
 
 FONTS: Final = """<?xml version="1.0"?>
@@ -55,10 +55,8 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     configuration = folder / "fonts.conf"
     configuration.write_text(FONTS.format(fonts=LATIN, cache=folder / "cache"), encoding="utf-8")
     environment: dict[str, str | float | bool] = {**os.environ, "FONTCONFIG_FILE": str(configuration)}
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS, env=environment)
-        yield chromium
-        chromium.close()
+    with chromium(environment) as process:
+        yield process
 
 
 @pytest.fixture(scope="module")

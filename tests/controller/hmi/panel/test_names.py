@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from playwright.sync_api import Browser, expect, sync_playwright
+from playwright.sync_api import Browser, expect
 
 from controller.history.query import HistoryReader
 from controller.hmi.panel.view.describe import describe
@@ -21,7 +21,7 @@ from controller.program.tags import SIDES
 from controller.program.texts.operator import LANGUAGES, STATES, Language, Text
 from plant_sim.faults import parse_fault
 from tests.controller.hmi.panel.panel_page_rig import LiveMachine, PanelProcess
-from tests.controller.hmi.panel.test_page import FLAGS, PAGES, Screen
+from tests.controller.hmi.panel.screen import PAGES, Screen, chromium
 from tests.controller.hmi.panel.text_tables import declared_values
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))
@@ -111,10 +111,8 @@ SHOWN: Final = """(left_out) => {
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS)
-        yield chromium
-        chromium.close()
+    with chromium() as process:
+        yield process
 
 
 def run_and_pause(live: LiveMachine, screen: Screen, history: HistoryReader) -> None:

@@ -11,13 +11,13 @@ import re
 import pytest
 
 from controller.events.kinds import NextPressEvent, RefusalEvent, StateEvent
+from controller.program.operator.answers import Question
 from controller.program.operator.next_press import NextPress, named_commands, what_to_do
 from controller.program.states import Mode, State
 from controller.program.texts.isolation import begins_with_isolation
 from controller.program.texts.next_press import NEXT_PRESSES
 from controller.program.texts.operator import MODES, Text
 from plant_sim.twin.lock_step import Twin
-from plant_sim.twin.recovery import press_emergency_stop
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.program.recovery.test_ways_out import power_lost_clamping, read, show_panel
 from tests.plant_sim.twin.twin_rig import arm_of, switched_on
@@ -134,6 +134,31 @@ def test_the_console_tells_every_line_once() -> None:
     assert [event.press for event in twin.events if isinstance(event, NextPressEvent)][3:] == []
 
 
+def test_the_console_tells_the_line_again_when_the_mode_changes_it() -> None:
+    """Its number remains the same."""
+    twin = switched_on({})
+    twin.run_for(200)
+    twin.events.clear()
+    twin.command("mode_step")
+    twin.run_for(100)
+    told = [event for event in twin.events if isinstance(event, NextPressEvent)]
+    assert [(event.press, event.text) for event in told] == [
+        (NextPress.HOME, f"{NEXT_PRESSES[NextPress.HOME].en} (mode: {MODES[Mode.STEP].en})")
+    ]
+
+
+def test_the_console_is_silent_when_a_change_of_the_mode_leaves_the_line() -> None:
+    twin = in_idle()
+    twin.plant.box.stop = True
+    twin.run_for(300)
+    assert read(twin, "next_press") == NextPress.RELEASE_STOP
+    twin.events.clear()
+    twin.command("mode_step")
+    twin.run_for(100)
+    assert read(twin, "mode") == Mode.STEP
+    assert [event for event in twin.events if isinstance(event, NextPressEvent)] == []
+
+
 # no key that is refused
 
 
@@ -165,24 +190,22 @@ def test_held_by_the_operator_with_an_arm_that_is_not_ready_names_only_homing() 
 
 
 def test_no_answer_is_asked_for_while_the_machine_still_stops() -> None:
-    """An answer is refused while anything moves."""
-    twin = switched_on({"trays_target": 1})
-    twin.home()
-    twin.start()
-    moving = twin.machine.tags.machine.motion
-    asked = []
-    twin.watch(lambda each: asked.append((each.plc.read(moving), read(each, "next_press"))))
+    """X24 answers *no* in Held and stops as well: as long as anything may move, an answer is refused."""
+    twin = power_lost_clamping("left")
     show_panel(twin)
-    twin.run_for(2_000)
-    press_emergency_stop(twin)
-    twin.run_for(500)
-    answers = {
-        press for press in NextPress if press.name.startswith("ANSWER_") and press is not NextPress.ANSWER_CUPS_EMPTY
-    }
-    assert not [press for moves, press in asked if moves and press in answers]
+    twin.press("start")
+    twin.run_until_state(State.HELD, within_ms=40_000)
+    twin.run_for(200)
+    assert read(twin, "next_press") == NextPress.ANSWER_LEFT_LOADED
+    lines: dict[State, set[tuple[int, int]]] = {}
+    twin.watch(lambda each: lines.setdefault(each.state, set()).add((read(each, "question"), read(each, "next_press"))))
+    twin.press("stop", for_ms=500)
+    twin.run_until_state(State.STOPPED, within_ms=5_000)
+    assert lines[State.STOPPING] == {(Question.LEFT_LOADED, NextPress.NONE)}
+    assert (Question.LEFT_LOADED, NextPress.ANSWER_LEFT_LOADED) in lines[State.STOPPED]
 
 
-def test_a_clamped_stop_button_is_named_in_every_state_at_rest() -> None:
+def test_a_clamped_stop_button_is_named_once_the_machine_has_stopped() -> None:
     twin = in_idle()
     twin.plant.box.stop = True
     twin.run_for(300)

@@ -1,0 +1,131 @@
+"""Browser and page with which the panel is operated in tests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Final, NamedTuple, Self
+from urllib.parse import urlsplit
+
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+
+from controller.hmi.panel.view import texts
+from controller.program.states import State
+from tests.controller.hmi.panel.panel_page_rig import PASSWORDS, LiveMachine, PanelProcess
+
+FLAGS: Final = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+]
+PAGES: Final = ("overview", "alarms", "trends", "cycle", "steps", "io", "manual", "recovery", "parameters")
+TIMEOUT_MS: Final = 60_000
+
+expect.set_options(timeout=TIMEOUT_MS)
+
+
+@contextmanager
+def chromium(environment: dict[str, str | float | bool] | None = None) -> Iterator[Browser]:
+    """Run the browser for the duration of a `with` block; None = with the environment of this process."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS, env=environment)
+        yield browser
+        browser.close()
+
+
+class Screen:
+    """Page in a browser; no unexpected event may occur during the test.
+
+    Args:
+        user: User who is logged in when the page opens; None for a page without a login.
+        locale: Language of the browser.
+
+    Attributes:
+        unexpected: Console errors, and requests to hosts other than the panel.
+    """
+
+    def __init__(self, browser: Browser, url: str, user: str | None = None, locale: str = "en-US") -> None:
+        self._context = browser.new_context(viewport={"width": 1280, "height": 800}, locale=locale)
+        if user is not None:
+            data = {"user": user, "password": PASSWORDS[user]}
+            answer = self._context.request.post(f"{url}/api/login", data=data, headers={"origin": url})
+            assert answer.ok, answer.text()
+        self.page: Page = self._context.new_page()
+        self.page.set_default_timeout(TIMEOUT_MS)
+        self.unexpected: list[str] = []
+        self._url = url
+        self.page.on("console", lambda line: self.unexpected.append(line.text) if line.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.unexpected.append(str(error)))
+        self.page.on("request", lambda request: self._check(request.url))
+        self.page.on("websocket", lambda socket: self._check(socket.url))
+
+    def __enter__(self) -> Self:
+        self.page.goto(self._url)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        with suppress(Exception):
+            self._context.close()
+        if kind is None:
+            assert self.unexpected == []
+
+    def log_in(self, user: str) -> None:
+        self.find("[data-action=login]").click()
+        self.find("dialog select").select_option(user)
+        self.find("dialog input[type=password]").fill(PASSWORDS[user])
+        self.find("dialog [data-action=submit]").click()
+        expect(self.find("[data-fact=level]")).to_have_text(texts.TEXTS[f"level.{user}"].en)
+
+    def set_first_passwords(self) -> None:
+        """Fill in and submit the first-run dialog."""
+        fields = self.find("dialog input[type=password]")
+        expect(fields).to_have_count(len(PASSWORDS), timeout=TIMEOUT_MS)
+        for index, password in enumerate(PASSWORDS.values()):
+            fields.nth(index).fill(password)
+        self.find("dialog [data-action=submit]").click()
+        expect(self.find("dialog[open]")).to_have_count(0, timeout=TIMEOUT_MS)
+
+    def find(self, selector: str, *, has: Locator | None = None) -> Locator:
+        return self.page.locator(selector, has=has)
+
+    def open(self, page: str) -> None:
+        self.find(f"[role=tab][data-page={page}]").click()
+        expect(self.find(f"main[data-page={page}]")).to_be_visible()
+
+    def press(self, selector: str) -> None:
+        """Press a button as soon as it is available."""
+        button = self.find(selector)
+        expect(button).not_to_have_attribute("aria-disabled", "true", timeout=TIMEOUT_MS)
+        button.click()
+
+    def _check(self, url: str) -> None:
+        if urlsplit(url).netloc != urlsplit(self._url).netloc:
+            self.unexpected.append(f"request to {url}")
+
+
+class Maintained(NamedTuple):
+    """Machine in Stopped, and the page of a maintainer."""
+
+    live: LiveMachine
+    screen: Screen
+
+
+@contextmanager
+def maintained(folder: Path) -> Iterator[Maintained]:
+    """Run a machine in Stopped with the page of a maintainer for the duration of a `with` block."""
+    with ExitStack() as stack:
+        live = stack.enter_context(LiveMachine(folder))
+        panel = stack.enter_context(PanelProcess(live, folder))
+        screen = stack.enter_context(Screen(stack.enter_context(chromium()), panel.url, "maintain"))
+        live.until_state(State.STOPPED)
+        yield Maintained(live, screen)
+
+
+def clear(screen: Screen, live: LiveMachine) -> None:
+    """Clear an emergency stop whose button has been released."""
+    screen.press("[data-command=clear]")
+    live.until_state(State.STOPPED)
