@@ -102,8 +102,10 @@ def test_an_event_occurs_only_after_a_scan_in_which_a_device_of_the_log_changed(
     """Otherwise a run in machine code, which calls the log for these devices only, would report it late or never."""
     twin = power_lost_clamping("left")
     (log,) = (each for each in twin.runtime.observers if isinstance(each, ProductionLog))
+    twin.runtime.panel.read()
     late: list[Event] = []
     values: list[int] = []
+    reported = len(twin.events)
 
     def check(twin: Twin) -> None:
         nonlocal values, reported
@@ -112,8 +114,6 @@ def test_an_event_occurs_only_after_a_scan_in_which_a_device_of_the_log_changed(
             late.extend(twin.events[reported:])
         reported = len(twin.events)
 
-    twin.runtime.panel.read()
-    reported = len(twin.events)
     twin.watch(check)
     twin.press("start", for_ms=2_300)  # answers the question
     twin.run_for(3_000)

@@ -19,19 +19,26 @@ from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmRefusalError
 from controller.hmi.access import status_registers as status
 from controller.hmi.modbus.fx3u_map import coil_address, register_address
 from controller.hmi.panel.modbus.connection import ExceptionResponseError, ModbusConnection, ModbusConnectionError
-from controller.hmi.panel.modbus.mirror import NAME_ADDRESS, R_FORCING_ALLOWED, R_SIMULATED, Mirror
+from controller.hmi.panel.modbus.mirror import NAME_ADDRESS, R_SIMULATED, Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders import messages
 from controller.hmi.panel.orders.jog import Jogging
+from controller.hmi.panel.orders.jog_reasons import foreseen_obstacle
 from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.replies import level_text, reply_text
-from controller.hmi.panel.orders.session import MOMENTARY, BrowserSession, OrderRefusedError, name_words
+from controller.hmi.panel.orders.session import (
+    MOMENTARY,
+    BrowserSession,
+    OrderRefusedError,
+    force_obstacle,
+    name_words,
+    obstacle_text,
+)
 from controller.io.pace import FASTEST, FLAT_OUT
 from controller.program.machine import Transplanter
 from controller.program.operator.commands import Command
 from controller.program.operator.next_press import refused_text, what_to_do
 from controller.program.operator.refusals import Refusal
-from controller.program.states import Mode, State
 from controller.program.texts.operator import Text
 
 OUTCOME_SCANS: Final = 3
@@ -50,10 +57,17 @@ REQUIRED_LEVELS: Final = {"jog": AccessLevel.MAINTAIN, "force": AccessLevel.MAIN
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Reply to an order."""
+    """Reply to an order.
+
+    Attributes:
+        ok: Whether the order was executed.
+        text: Reply, or reason of the refusal.
+        why: Why a jogged output stays off or moves nothing, as far as it is known when the order arrives.
+    """
 
     ok: bool
     text: Text
+    why: Text | None = None
 
 
 class OrderHandler:
@@ -91,6 +105,7 @@ class OrderHandler:
         self._jogging = jogging
         self._telemetry = telemetry
         self._clock = clock
+        self._machine = machine
         self._tags = machine.tags
         self._commands = {command.name: command for command in machine.tags.commands}
         self._alarms = {alarm.bit.number: alarm for alarm in machine.alarms}
@@ -115,7 +130,10 @@ class OrderHandler:
             self.refused += 1
             return Reply(False, reply_text("unsure"))
         self.done += 1
-        return Reply(True, text)
+        why = None
+        if isinstance(order, messages.JogOrder) and order.hold:
+            why = foreseen_obstacle(self._machine, self._mirror.memory, order.output)
+        return Reply(True, text, why)
 
     async def release_all(self, session: BrowserSession) -> None:
         """Release all inputs, buttons and jogs held by a disconnected browser."""
@@ -161,6 +179,10 @@ class OrderHandler:
             raise OrderRefusedError.because("no command", name=order.command)
         if command.bit in self._tags.commands.jog.values():
             raise OrderRefusedError.because("jog only")
+        if command.bit is self._tags.commands.acknowledge:
+            obstacle = obstacle_text(self._machine, self._mirror.memory, command)
+            if obstacle is not None:
+                raise OrderRefusedError(obstacle)
         async with self._signed(level):
             before = (await self._refusal())[self._tags.machine.refusals]
             await self._connection.write_bit(coil_address("M", command.bit.number), True)
@@ -285,14 +307,9 @@ class OrderHandler:
         return reply_text("done")
 
     def _check_force(self) -> None:
-        mirror, machine = self._mirror, self._tags.machine
-        if not mirror.fresh:
-            raise OrderRefusedError.because("no controller")
-        if not mirror.word(R_FORCING_ALLOWED):
-            raise OrderRefusedError.because("no forcing")
-        state, mode = (mirror.memory.D[word.number] for word in (machine.state, machine.mode))
-        if state != State.STOPPED or mode != Mode.MANUAL:
-            raise OrderRefusedError.because("force only at rest")
+        obstacle = force_obstacle(self._tags, self._mirror)
+        if obstacle is not None:
+            raise OrderRefusedError(obstacle)
 
     async def _write_force(self, number: int, level: int) -> None:
         async with self._signed(AccessLevel.MAINTAIN):

@@ -7,11 +7,14 @@ from typing import Final, Literal, Self
 from controller.core.devices import Memory
 from controller.core.expr import evaluate
 from controller.hmi.access.status_registers import NAME_WORDS
+from controller.hmi.panel.modbus.mirror import R_FORCING_ALLOWED, Mirror
 from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.replies import reply_text
 from controller.program.machine import Transplanter
 from controller.program.operator.commands import Command
 from controller.program.operator.refusals import refusal_text
+from controller.program.states import Mode, State
+from controller.program.tags import Tags
 from controller.program.texts.operator import LANGUAGES, Text
 
 Button = Literal["start", "stop", "emergency_stop", "reset"]
@@ -59,8 +62,21 @@ def name_words(level: AccessLevel) -> list[int]:
     return [int.from_bytes(text[index : index + 2]) for index in range(0, len(text), 2)]
 
 
+def force_obstacle(tags: Tags, mirror: Mirror) -> Text | None:
+    """Return the reason why no input can be forced in the current state; None if inputs can be forced."""
+    machine = tags.machine
+    if not mirror.fresh:
+        return reply_text("no controller")
+    if not mirror.word(R_FORCING_ALLOWED):
+        return reply_text("no forcing")
+    state, mode = (mirror.memory.D[word.number] for word in (machine.state, machine.mode))
+    return None if state == State.STOPPED and mode == Mode.MANUAL else reply_text("force only at rest")
+
+
 def obstacle_text(machine: Transplanter, memory: Memory, command: Command) -> Text | None:
-    """Return the reason why a command would be refused in the current state; None if it is available."""
+    """Return the reason why a command would be refused, or would do nothing, now; None if it is available."""
+    if command.bit is machine.tags.commands.acknowledge and not evaluate(machine.tags.machine.horn, memory):
+        return reply_text("horn is off")  # the program accepts the command
     for obstacle in machine.orders.obstacles(command.bit):
         if evaluate(obstacle.active, memory):
             return Text(*(refusal_text(command, obstacle.reason, language) for language in LANGUAGES))

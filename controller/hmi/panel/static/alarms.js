@@ -1,6 +1,6 @@
 // Alarms: priority and state by shape, text and colour; banner on every page, alarm list and journal.
 
-import { app, getHistory, obstacle, order, refuse } from "./app.js";
+import { app, getHistory, newPress, obstacle, order, refuse } from "./app.js";
 import { OrderButton } from "./controls.js";
 import { draw, make, mark, refill, write } from "./dom.js";
 import { AlarmHelp } from "./help.js";
@@ -207,8 +207,10 @@ class ShelveForm {
     const valid = Number.isInteger(minutes) && minutes >= 1 && minutes <= MAX_SHELVE_MIN;
     const error = valid ? null : t("parameters.range", { lowest: 1, highest: MAX_SHELVE_MIN });
     const reason = obstacle("operate") ?? error;
-    if (reason === null) void order({ type: "shelve", alarm: number, minutes });
-    else refuse(reason);
+    const entry = this.minutes.value;
+    const holds = () => this.node.isConnected && this.minutes.value === entry && (obstacle("operate") ?? error) === reason;
+    if (reason === null) void order({ type: "shelve", alarm: number, minutes }, newPress(this));
+    else refuse(reason, this, holds);
   }
 }
 

@@ -2,7 +2,7 @@
 
 import { localized, sentence, t } from "./texts.js";
 
-export const app = { describe: null, link: null, points: new Map(), alarms: new Map(), notice: () => {} };
+export const app = { describe: null, link: null, points: new Map(), alarms: new Map(), notice: () => {}, pressed: () => {} };
 
 const RANK = { none: 0, view: 1, operate: 2, maintain: 3 };
 
@@ -29,15 +29,16 @@ export function obstacle(level, command = null) {
 
 let presses = 0;
 
-/** Return the number of a new press, which orders the replies of different presses. */
-export function newPress() {
+/** Return the number of a new press, which orders the replies of different presses; the last notice of its control ends. */
+export function newPress(control = null) {
   presses += 1;
+  app.pressed(presses, control);
   return presses;
 }
 
-/** Show why a press has no effect. */
-export function refuse(reason) {
-  app.notice(reason, false, newPress());
+/** Show why a press of a control has no effect, until it is pressed again or `holds` returns false. */
+export function refuse(reason, control = null, holds = null) {
+  app.notice(reason, false, newPress(control), holds);
 }
 
 /** Send an order and show the reply to its press, or `done` if it was executed; returns whether it was executed. */

@@ -62,10 +62,11 @@ class EmergencyStopButton {
   }
 
   press() {
-    if (this.reason !== null) refuse(this.reason);
+    const { reason } = this;
+    if (reason !== null) refuse(reason, this, () => this.button.isConnected && this.reason === reason);
     else {
       const pressed = !this.pressed;
-      void order({ type: "box", button: "emergency_stop", pressed }, newPress(), t(pressed ? "box.stopped" : "box.released"));
+      void order({ type: "box", button: "emergency_stop", pressed }, newPress(this), t(pressed ? "box.stopped" : "box.released"));
     }
   }
 }

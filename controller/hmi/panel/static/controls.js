@@ -7,6 +7,8 @@ import { t } from "./texts.js";
 const RENEW_MS = 100;
 const MIN_PRESS_MS = 300;
 const ASK_MS = 5000;
+const TOUCH_MS = 50; // a drop of water touches for a shorter time
+const ANSWER_MS = 2000; // as with X0
 
 /** Button for one order. While the order is unavailable, the button stays focusable; pressing it shows the reason. */
 export class OrderButton {
@@ -14,14 +16,18 @@ export class OrderButton {
    * @param label label of the button
    * @param message order to send, or a function that returns it
    * @param options level: required access level; command: command that must be available; data: attributes;
-   *   why: true to show the reason below the button; ask: question that a second press must confirm
+   *   why: true to show the reason below the button; ask: question that a second press must confirm;
+   *   done: text of the notice when the order has been executed; halts: true if every tap is an order
    */
-  constructor(label, message, { level = "operate", command = null, data = {}, why = false, kind = "", ask = null } = {}) {
+  constructor(label, message, { level = "operate", command = null, data = {}, why = false, kind = "", ask = null, done = null, halts = false } = {}) {
     this.level = level;
     this.command = command;
     this.message = message;
     this.why = t("why.stale"); // until the first view
-    this.button = make("button", { type: "button", class: `order ${kind}`, ...data, on: { click: () => this.press() } });
+    this.done = done;
+    this.halts = halts;
+    this.acted = false; // whether the last tap was an order or a question
+    this.button = make("button", { type: "button", class: `order ${kind}`, ...data, on: { click: (event) => this.#tap(event) } });
     mark(this.button, "aria-disabled", "true");
     this.label = make("span", { text: label });
     this.button.append(this.label);
@@ -38,9 +44,16 @@ export class OrderButton {
     if (this.reason !== null) write(this.reason, this.why ?? t("recovery.free"));
   }
 
-  press() {
+  /** Press, unless this is the second tap of a double tap, which neither repeats an order nor confirms a question. */
+  #tap(event) {
+    if (event.detail > 1 && this.acted && !this.halts) return;
+    this.acted = this.why === null;
+    this.#press();
+  }
+
+  #press() {
     if (this.why !== null) {
-      refuse(this.why);
+      refuseFor(this);
       return;
     }
     if (this.first?.isOpen() === false) {
@@ -48,8 +61,14 @@ export class OrderButton {
       return;
     }
     this.first?.close();
-    void order(typeof this.message === "function" ? this.message() : this.message);
+    void order(typeof this.message === "function" ? this.message() : this.message, newPress(this), this.done);
   }
+}
+
+/** Show why a control is unavailable; the notice ends when the reason does, or the control is no longer shown. */
+function refuseFor(control) {
+  const { why } = control;
+  refuse(why, control, () => control.button.isConnected && control.why === why);
 }
 
 /** Question in place of the label of a button; it ends when the button loses the focus, and after some seconds. */
@@ -88,10 +107,17 @@ export function releaseAll() {
 window.addEventListener("blur", releaseAll);
 window.addEventListener("pagehide", releaseAll);
 document.addEventListener("visibilitychange", () => document.hidden && releaseAll());
+// of two touches at once, one is not meant: neither moves anything
+document.addEventListener("pointerdown", (event) => {
+  if (event.isPrimary || holding.size === 0) return;
+  releaseAll();
+  refuse(t("touch.two"));
+}, true);
 
 /** Hold-to-run button for pointer and keyboard: calls `begin` when pressed and `end` when released in any way. */
 export class HoldButton {
-  constructor(label, { begin, end, level = "operate", command = null, data = {}, kind = "" }) {
+  constructor(label, { begin, end, level = "operate", command = null, data = {}, kind = "", alone = false }) {
+    this.alone = alone; // whether a second touch is refused
     this.level = level;
     this.command = command;
     this.why = t("why.stale"); // until the first view
@@ -115,7 +141,7 @@ export class HoldButton {
   start() {
     if (this.held) return;
     if (this.why !== null) {
-      refuse(this.why);
+      refuseFor(this);
       return;
     }
     releaseAll(); // one button at a time
@@ -138,8 +164,13 @@ export class HoldButton {
     mark(button, "aria-pressed", "false");
     button.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
-      // touch captures the pointer implicitly; a finger that slides off must release the button
-      if (button.hasPointerCapture(event.pointerId)) button.releasePointerCapture(event.pointerId);
+      if (this.alone && !event.isPrimary) {
+        refuse(t("touch.two"), this);
+        return;
+      }
+      // a touch is captured by the element under the finger, which may be the label, unless it is released here; without
+      // this a finger that slides off would not end the press
+      if (event.target.hasPointerCapture(event.pointerId)) event.target.releasePointerCapture(event.pointerId);
       this.start();
     });
     for (const name of ["pointerup", "pointercancel", "pointerleave", "blur"]) {
@@ -157,30 +188,88 @@ export class HoldButton {
   }
 }
 
-/** Return a jog button for an output: the jog is renewed every 100 ms and ends at the first refusal. */
-export function jogButton(label, output, data = {}) {
+/**
+ * Return a jog button for an output: the jog is renewed every 100 ms and ends at the first refusal. A touch that is too
+ * short to be a finger starts nothing. `told` is called with the reason that a reply foresees for the output to stay off.
+ */
+export function jogButton(label, output, data = {}, told = () => {}) {
+  let first = null;
   let renewal = null;
   let press = 0;
   const send = async (button, hold) => {
+    const own = press;
     const reply = await app.link.order({ type: "jog", output, hold });
-    if (reply.ok || !hold) return;
-    if (button.held) app.notice(replyText(reply), false, press);
+    if (!hold || !button.held || own !== press) return; // a reply to an earlier press does not end this one
+    if (reply.ok) {
+      told(reply.why);
+      return;
+    }
+    app.notice(replyText(reply), false, press);
     button.end();
   };
   return new HoldButton(label, {
     level: "maintain",
     command: `jog_${output.replaceAll(".", "_")}`,
     data: { "data-jog": output, ...data },
+    alone: true,
     begin: (button) => {
-      press = newPress();
-      void send(button, true);
-      renewal = window.setInterval(() => void send(button, true), RENEW_MS);
+      press = newPress(button);
+      first = window.setTimeout(() => {
+        first = null;
+        void send(button, true);
+        renewal = window.setInterval(() => void send(button, true), RENEW_MS);
+      }, TOUCH_MS);
     },
     end: (button) => {
+      if (first !== null) {
+        window.clearTimeout(first);
+        first = null;
+        app.notice(t("touch.short"), false, press);
+        return;
+      }
       window.clearInterval(renewal);
       void send(button, false);
     },
   });
+}
+
+/** Button that answers a question when it has been held; a shorter press, or another question, answers nothing. */
+export class AnswerButton {
+  constructor(label, command) {
+    this.answering = null;
+    this.press = 0;
+    this.hold = new HoldButton(label, {
+      command, alone: true, kind: "order", data: { "data-command": command },
+      begin: (button) => {
+        this.press = newPress(button);
+        this.answering = window.setTimeout(() => {
+          this.answering = null;
+          void order({ type: "command", command }, this.press);
+        }, ANSWER_MS);
+      },
+      end: () => this.#cancel("answer.short"),
+    });
+    this.reason = make("p", { class: "why" });
+    this.node = make("div", { class: "order-with-why" }, this.hold.node, this.reason);
+  }
+
+  update() {
+    this.hold.update();
+    write(this.reason, this.hold.why ?? t("answer.hold"));
+  }
+
+  /** End a press because the question is another one. */
+  questionChanged() {
+    this.#cancel("answer.changed");
+    this.hold.end();
+  }
+
+  #cancel(key) {
+    if (this.answering === null) return;
+    window.clearTimeout(this.answering);
+    this.answering = null;
+    app.notice(t(key), false, this.press);
+  }
 }
 
 /** Return a button of the operator box: pressed while held, but at least for the minimum press time. */
@@ -189,9 +278,9 @@ export function boxButton(label, name) {
   let press = 0;
   return new HoldButton(label, {
     data: { "data-box": name },
-    begin: () => {
+    begin: (button) => {
       pressedAt = performance.now();
-      press = newPress();
+      press = newPress(button);
       void order({ type: "box", button: name, pressed: true }, press);
     },
     end: () => {

@@ -3,10 +3,11 @@
 import { app, hasLevel } from "./app.js";
 import { OrderButton, jogButton } from "./controls.js";
 import { make, mark, write } from "./dom.js";
-import { list, localized, note, t } from "./texts.js";
+import { list, localized, note, sentence, t } from "./texts.js";
 import { section } from "./parts.js";
 
 const RELEASE_FORCE = 2;
+const LEVELS = [["io.force_0", 0], ["io.force_1", 1], ["io.let_go", RELEASE_FORCE]];
 
 /** Return the meaning of an active I/O point, preceded by its arm. */
 export function pointMeaning(point) {
@@ -28,9 +29,8 @@ export class IoPage {
   update(view) {
     const permitted = hasLevel("maintain");
     write(this.noForcing, view.link.forcing_allowed ? "" : t("io.no_forcing"));
-    const obstacle = view.link.forcing_allowed ? null : t("io.no_forcing");
-    this.inputs.forEach((row) => row.update(view, permitted && view.link.forcing_allowed, obstacle));
-    this.outputs.forEach((row) => row.update(view, permitted, null));
+    this.inputs.forEach((row) => row.update(view, permitted && view.link.forcing_allowed));
+    this.outputs.forEach((row) => row.update(view, permitted));
   }
 }
 
@@ -42,8 +42,14 @@ function table(rows, action, name) {
 }
 
 function forceButtons(point) {
-  return [["io.force_0", 0], ["io.force_1", 1], ["io.let_go", RELEASE_FORCE]].map(([key, level]) => new OrderButton(
+  return LEVELS.map(([key, level]) => new OrderButton(
     t(key), { type: "force", point: point.address, level }, { level: "maintain", data: { "data-force": `${point.address}=${level}` } }));
+}
+
+/** Return why an input cannot be forced now, or its forcing has no end; null if it can. */
+function forceObstacle(view, button, forced) {
+  if (button.message.level === RELEASE_FORCE) return forced ? null : t("io.not_forced");
+  return sentence(localized(view.link.force_why)) || null;
 }
 
 class PointRow {
@@ -52,14 +58,15 @@ class PointRow {
     this.buttons = buttons;
     this.level = make("td", { class: "level-cell" });
     this.state = make("td");
-    this.actions = make("div", { class: "orders" }, ...buttons.map((button) => button.node));
+    this.blocked = make("span", { class: "wrong", role: "alert" });
+    this.actions = make("div", { class: "orders" }, ...buttons.map((button) => button.node), this.blocked);
     const inverted = point.inverted ? make("span", { class: "why", text: note("", t("io.inverted")) }) : null;
     this.node = make("tr", { "data-tag": point.tag, "data-address": point.address },
       make("th", { scope: "row", text: point.address }), make("td", { class: "tag", text: point.tag }),
       make("td", {}, pointMeaning(point), inverted), this.level, this.state, make("td", {}, this.actions));
   }
 
-  update(view, permitted, obstacle) {
+  update(view, permitted) {
     const level = view.io[this.point.address];
     const known = level !== undefined && level !== null;
     const isActive = known && Boolean(level) !== this.point.inverted;
@@ -71,6 +78,7 @@ class PointRow {
     mark(this.node, "data-active", isActive ? "1" : null);
     mark(this.node, "data-forced", forced ? "1" : null);
     this.actions.hidden = !permitted;
-    this.buttons.forEach((button) => button.update(obstacle));
+    write(this.blocked, view.jog.output === this.point.tag ? sentence(localized(view.jog.why)) : "");
+    this.buttons.forEach((button) => button.update(this.point.kind === "input" ? forceObstacle(view, button, forced) : null));
   }
 }

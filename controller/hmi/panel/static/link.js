@@ -56,7 +56,7 @@ export class Link extends EventTarget {
     this.#checkStatus();
   }
 
-  /** Send an order; resolves to {ok, text}, or to {ok: false, key} if it was not sent or not answered. */
+  /** Send an order; resolves to {ok, text, why}, or to {ok: false, key} if it was not sent or not answered. */
   order(message) {
     if (this.#socket?.readyState !== WebSocket.OPEN) return Promise.resolve({ ok: false, key: "order.no_link" });
     const id = this.#nextId++;

@@ -26,13 +26,17 @@ const LANGUAGES = { en: "English", zh: "中文" };
 const NOTICE_MS = 8000;
 const DONE_MS = 3000;
 const RETRY_MS = 1000;
+const REMEMBERED_PRESSES = 50; // more than can be waiting for a reply
 
 class PanelFrame {
   constructor() {
     this.name = PAGES[window.location.hash.slice(1)] ? window.location.hash.slice(1) : "overview";
     this.page = null;
     this.noticePress = 0;
-    app.notice = (text, ok, press) => this.#notice(text, ok, press);
+    this.noticeHolds = null;
+    this.presses = new Map();
+    app.notice = (text, ok, press, holds = null) => this.#notice(text, ok, press, holds);
+    app.pressed = (press, control) => this.#pressed(press, control);
     app.link.addEventListener("view", () => this.update());
     app.link.addEventListener("status", () => this.update());
     app.link.addEventListener("drop", releaseAll);
@@ -141,6 +145,7 @@ class PanelFrame {
     this.#machine(view.machine);
     this.banner.update(view);
     this.page.update(view);
+    if (this.noticeHolds?.() === false) this.#endNotice();
   }
 
   #machine(machine) {
@@ -159,14 +164,32 @@ class PanelFrame {
   }
 
   /** Show the reply to a press. The reply to an older press than the one shown appears only if it is the first refusal. */
-  #notice(text, ok, press) {
+  #notice(text, ok, press, holds) {
     const refusalShown = this.noticeLine.textContent !== "" && this.noticeLine.dataset.ok === "0";
     if (press < this.noticePress && (ok || refusalShown)) return;
     this.noticePress = Math.max(press, this.noticePress);
     write(this.noticeLine, `${ok ? "✓" : "✕"} ${text}`);
     mark(this.noticeLine, "data-ok", ok ? "1" : "0");
     window.clearTimeout(this.noticeEnd);
-    this.noticeEnd = window.setTimeout(() => write(this.noticeLine, ""), ok ? DONE_MS : NOTICE_MS);
+    this.noticeHolds = holds;
+    this.noticeControl = this.presses.get(press) ?? null;
+    this.noticeEnd = window.setTimeout(() => this.#endNotice(), ok ? DONE_MS : NOTICE_MS);
+  }
+
+  /** Remember the control of a press, and end the notice of its last one. */
+  #pressed(press, control) {
+    if (control === null) return;
+    if (this.noticeControl === control) this.#endNotice();
+    this.presses.set(press, control);
+    if (this.presses.size > REMEMBERED_PRESSES) this.presses.delete(this.presses.keys().next().value);
+  }
+
+  #endNotice() {
+    window.clearTimeout(this.noticeEnd);
+    this.noticeHolds = null;
+    this.noticeControl = null;
+    write(this.noticeLine, "");
+    mark(this.noticeLine, "data-ok", null);
   }
 
   /** Restart after a login or logout, because description and permissions depend on the access level. */

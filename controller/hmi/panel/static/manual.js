@@ -41,7 +41,13 @@ class JogControl {
     this.side = jog.side ?? null;
     this.output = jog.output;
     const bare = this.side ? jog.output.slice(this.side.length + 1) : jog.output;
-    this.button = jogButton(t(`jog.${bare}`), jog.output);
+    // the headings of the arms scroll out of view on a small screen
+    this.button = jogButton(this.side === null ? t(`jog.${bare}`) : labelled(t(this.side), t(`jog.${bare}`)), jog.output, {}, (why) => {
+      this.foreseen = why;
+      if (this.requested !== true) this.#tell(why);
+    });
+    this.foreseen = null;
+    this.requested = false;
     this.lamp = make("span", { class: "jog-lamp" });
     this.feedback = make("span", { class: "why" });
     this.blocked = make("span", { class: "wrong", role: "alert" });
@@ -54,9 +60,16 @@ class JogControl {
     const on = active(view, this.output) === true;
     mark(this.node, "data-on", on ? "1" : null);
     write(this.lamp, `${on ? "●" : "○"} ${app.points.get(this.output)?.address ?? ""} ${on ? t("manual.held") : ""}`);
-    write(this.blocked, view.jog.output === this.output ? sentence(localized(view.jog.why)) : "");
+    this.requested = view.jog.output === this.output && view.jog.requested;
+    if (!this.button.held) this.foreseen = null;
+    this.#tell(this.requested ? view.jog.why : this.foreseen);
     const activeSwitches = this.switches.filter((tag) => active(view, tag) === true);
     write(this.feedback, list(activeSwitches.map((tag) => t(`point.${tag.replace(`${this.side}.`, "")}`))));
+  }
+
+  /** Show why the output stays off or moves nothing. */
+  #tell(why) {
+    write(this.blocked, sentence(localized(why)));
   }
 }
 

@@ -24,7 +24,9 @@ export class OverviewPage {
     this.rows = new RowStrips(SIDES);
     this.arms = Object.fromEntries(SIDES.map((side) => [side, new ArmCard(side, geometry)]));
     const commands = app.describe.commands.filter((command) => !EXCLUDED_GROUPS.has(command.group));
-    this.halts = HALTS.map((name) => commandButton(commands.find((command) => command.name === name)));
+    this.halts = HALTS.map((name) => commandButton(commands.find((command) => command.name === name),
+      { halts: true, done: name === "hold" ? t("hold.about") : null }));
+    mark(this.halts.find((button) => button.command === "hold").button, "aria-describedby", "hold-about");
     this.others = commands.filter((command) => !HALTS.includes(command.name))
       .map((command) => commandButton(command, ASKED.has(command.name) ? { ask: t("ask", { label: t(`command.${command.name}`) }) } : {}));
     this.commands = [...this.halts, ...this.others];
@@ -35,7 +37,7 @@ export class OverviewPage {
       make("div", { class: "picture" }, this.mimic.node, this.rows.node),
       make("div", { class: "side" },
         section("commands", make("div", { class: "orders halts" }, ...this.halts.map((button) => button.node)),
-          make("p", { class: "why", text: t("hold.about") }),
+          make("p", { class: "why", id: "hold-about", text: t("hold.about") }),
           make("div", { class: "orders" }, ...this.others.map((button) => button.node))),
         this.modes.node,
         this.production.node,

@@ -1,6 +1,6 @@
 // Parameters page: set-points with unit, limits and default; input is checked before it is sent.
 
-import { app, obstacle, order, refuse } from "./app.js";
+import { app, newPress, obstacle, order, refuse } from "./app.js";
 import { make, mark, write } from "./dom.js";
 import { labelled, named, t, unitText } from "./texts.js";
 import { section } from "./parts.js";
@@ -68,7 +68,8 @@ class ParameterRow {
   }
 
   #form() {
-    this.input = make("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": labelled(t("parameters.new"), this.name) });
+    this.input = make("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": labelled(t("parameters.new"), this.name),
+      on: { input: () => this.#showError(null) } });
     this.button = make("button", { type: "submit", class: "order", text: t("parameters.set"), "aria-label": labelled(t("parameters.set"), this.name) });
     return make("form", { class: "set-form", on: { submit: (event) => this.#send(event) } }, this.input, this.button, this.error);
   }
@@ -77,16 +78,24 @@ class ParameterRow {
     event.preventDefault();
     const reason = obstacle("operate");
     const { raw, error } = this.#parse(this.input.value.trim());
+    this.#showError(error);
+    if (reason !== null) refuse(reason, this, () => this.node.isConnected && obstacle("operate") === reason);
+    else if (error !== null) refuse(error, this, () => this.node.isConnected && this.wrong === error);
+    else if (await order({ type: "set", name: this.point.name, value: raw }, newPress(this))) this.input.value = "";
+  }
+
+  /** Show the error of the entry; null when the entry changes. */
+  #showError(error) {
+    this.wrong = error;
     write(this.error, error ?? "");
     mark(this.input, "aria-invalid", error === null ? null : "true");
-    if (reason !== null || error !== null) refuse(reason ?? error);
-    else if (await order({ type: "set", name: this.point.name, value: raw })) this.input.value = "";
   }
 
   /** Return the value in counts of the controller, or the input error. */
   #parse(text) {
     const { lowest, highest } = this.point;
     const scale = this.point.scale ?? 1;
+    if (/^\d+[,，]\d+$/.test(text)) return { raw: null, error: t("parameters.comma") };
     if (!/^\d+(\.\d+)?$/.test(text)) return { raw: null, error: t("parameters.not_number") };
     const raw = Number(text) / scale;
     if (raw < lowest || raw > highest) {

@@ -1,11 +1,12 @@
 // Recovery page: next press, open questions with their answers, discarding, part-filled trays, arms out of service.
 
 import { app } from "./app.js";
-import { OrderButton } from "./controls.js";
+import { AnswerButton } from "./controls.js";
 import { make, refill, write } from "./dom.js";
-import { localized, named, sentence, t } from "./texts.js";
+import { labelled, list, localized, named, sentence, t } from "./texts.js";
 import { Facts, commandButton, isolation, section } from "./parts.js";
 
+const TRAY = "tray";
 const WAYS_OUT = ["clear", "reset", "start", "unhold"];
 
 export class RecoveryPage {
@@ -22,6 +23,7 @@ export class RecoveryPage {
     this.next = make("p", { class: "big-state", "data-fact": "next" });
     this.isolation = isolation();
     this.questions = make("div", {});
+    this.stored = make("p", {});
     this.node = make("div", { class: "column" },
       section("recovery.next", this.next, this.isolation, this.facts.node, orders(this.ways)),
       section("recovery.questions", this.questions),
@@ -41,22 +43,30 @@ export class RecoveryPage {
     const key = view.questions.open.join();
     if (key !== this.open) this.#ask(view.questions.open);
     this.open = key;
+    write(this.stored, t("recovery.stored_tray", { rows: storedRows(view) }));
     [...this.ways, ...this.discards, ...this.rows, ...this.service, ...this.answers].forEach((button) => button.update());
   }
 
   #ask(open) {
     const asked = app.describe.questions.filter((question) => open.includes(question.key));
+    this.answers.forEach((button) => button.questionChanged());
     this.answers = [];
+    this.stored = make("p", { class: "why", "data-fact": "stored-tray" });
     refill(this.questions, ...(asked.length ? asked.map((question) => this.#question(question)) : [make("p", { text: t("recovery.no_questions") })]));
   }
 
   #question(question) {
-    const buttons = question.answers.map((answer) => new OrderButton(
-      named(`command.${answer.command}`, answer.text), { type: "command", command: answer.command },
-      { command: answer.command, data: { "data-command": answer.command }, why: true }));
+    const buttons = question.answers.map((answer) => new AnswerButton(named(`command.${answer.command}`, answer.text), answer.command));
     this.answers.push(...buttons);
-    return make("div", { class: "question", "data-question": question.key }, make("p", { text: localized(question.text) }), orders(buttons));
+    return make("div", { class: "question", "data-question": question.key }, make("p", { text: localized(question.text) }),
+      question.key === TRAY ? this.stored : null, orders(buttons));
   }
+}
+
+/** Return the rows of the tray as the controller remembers them, to compare with the tray that lies there. */
+function storedRows(view) {
+  return Object.entries(view.arms).map(([side, arm]) => labelled(t(side),
+    list(Object.entries(arm.rows).map(([row, state]) => `${row} ${t(`row.${state}`)}`)))).join("; ");
 }
 
 /** Return the names of the commands of a group. */

@@ -13,8 +13,8 @@ from controller.hmi.panel.modbus import mirror as registers
 from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders.jog import Jogging
-from controller.hmi.panel.orders.session import obstacle_text
-from controller.hmi.panel.view.jogs import jog_obstacle
+from controller.hmi.panel.orders.jog_reasons import jog_obstacle
+from controller.hmi.panel.orders.session import force_obstacle, obstacle_text
 from controller.program.machine import Transplanter
 from controller.program.operator.next_press import NextPress, refused_text, what_to_do
 from controller.program.operator.refusals import Refusal
@@ -103,6 +103,7 @@ class ViewBuilder:
             "simulated": simulated,
             "pace_percent": pace,
             "forcing_allowed": bool(mirror.word(registers.R_FORCING_ALLOWED)),
+            "force_why": in_both_or_none(force_obstacle(self._tags, mirror)),
             "history": self._history_available(),
         }
 
@@ -127,9 +128,10 @@ class ViewBuilder:
     def _jog(self) -> Json:
         """Return the output that is jogged, and why it stays off or moves nothing."""
         output, why = self._jogging.output, None
-        if output is not None and self._read(self._tags.machine.jog):
+        is_requested = output is not None and bool(self._read(self._tags.machine.jog))
+        if output is not None and is_requested:
             why = jog_obstacle(self._machine, self._mirror.memory, output)
-        return {"output": output, "why": None if why is None else in_both(why)}
+        return {"output": output, "requested": is_requested, "why": in_both_or_none(why)}
 
     def _refusal(self) -> Json | None:
         machine = self._tags.machine
@@ -213,7 +215,7 @@ class ViewBuilder:
     def _commands(self) -> Iterator[tuple[str, Json]]:
         for command in self._tags.commands:
             reason = obstacle_text(self._machine, self._mirror.memory, command)
-            yield command.name, {"free": reason is None, "why": None if reason is None else in_both(reason)}
+            yield command.name, {"free": reason is None, "why": in_both_or_none(reason)}
 
 
 def in_both(text: Text) -> Json:
@@ -224,6 +226,11 @@ def in_both(text: Text) -> Json:
         {'en': 'left', 'zh': '左'}
     """
     return {"en": text.en, "zh": text.zh}
+
+
+def in_both_or_none(text: Text | None) -> Json | None:
+    """Return a text as JSON; None if there is none."""
+    return None if text is None else in_both(text)
 
 
 def delta(before: Mapping[str, Any], after: Mapping[str, Any]) -> Json:

@@ -79,6 +79,11 @@ _FRAME: Final = {
     "why.operate": Text("Operator or Maintenance login required", "需要操作员或维护人员登录"),
     "why.maintain": Text("Maintenance login required", "需要维护人员登录"),
     "why.unknown": Text("Not available now", "当前不可用"),
+    "touch.two": Text("Two touches at once: lift both and press again", "同时按了两处：请全部松开后重新按下"),
+    "touch.short": Text("Touched too briefly: hold the button", "按下时间过短：请按住按钮"),
+    "answer.hold": Text("Hold for 2 s to answer", "按住 2 秒作答"),
+    "answer.short": Text("Not answered: read the question and hold for 2 s", "未作答：请读问题并按住 2 秒"),
+    "answer.changed": Text("Not answered: the question has changed", "未作答：问题已改变"),
 }
 """Frame of the page: header, tabs, connection."""
 
@@ -286,6 +291,7 @@ _HANDS: Final = {
     "io.force_1": Text("Force 1", "强制为 1"),
     "io.let_go": Text("End forcing", "解除强制"),
     "io.forced": Text("forced", "已强制"),
+    "io.not_forced": Text("This input is not forced", "此输入未被强制"),
     "io.no_forcing": Text("The controller does not allow forcing", "控制器不允许强制"),
     "io.hold": Text("Hold to run", "按住运行"),
     "manual.about": Text(
@@ -303,6 +309,10 @@ _HANDS: Final = {
     "recovery.discard_about": Text(
         "The next homing opens the claws over the cups, even if the cups are full. Check the cups first.",
         "下次回原点时在苗杯上方张开夹爪，不论苗杯中是否有苗。请先检查苗杯。",
+    ),
+    "recovery.stored_tray": Text(
+        "Stored tray: {rows}. The same tray only if the rows that lie there are these.",
+        "存储的苗盘：{rows}。实际苗行与此一致才是原苗盘。",
     ),
     "recovery.free": Text("Available", "可用"),
     "recovery.last_refusal": Text("Last refusal", "最近一次拒绝"),
@@ -327,6 +337,7 @@ _HANDS: Final = {
     "parameters.constant": Text("Machine constant: given when the controller starts", "机器常数：在控制器启动时给定"),
     "parameters.differs": Text("{name}: {value} (default {first})", "{name}：{value}（默认值 {first}）"),
     "parameters.not_number": Text("Enter a number", "请输入数字"),
+    "parameters.comma": Text("Enter decimals with a point, not a comma", "请用小数点"),
     "parameters.range": Text("Enter {lowest} to {highest}", "请输入 {lowest} 至 {highest}"),
     "parameters.grain": Text("Enter a multiple of {grain}", "请输入 {grain} 的整数倍"),
 }

@@ -14,7 +14,7 @@ from controller.hmi.panel.orders.messages import JogOrder, MessageError, Order, 
 from controller.hmi.panel.orders.operator import OrderHandler, Reply
 from controller.hmi.panel.orders.replies import reply_text
 from controller.hmi.panel.orders.session import BrowserSession
-from controller.hmi.panel.view.state import Json, ViewBuilder, delta, in_both
+from controller.hmi.panel.view.state import Json, ViewBuilder, delta, in_both, in_both_or_none
 from controller.hmi.panel.view.trends import PERIOD_MS, Trends
 
 _log = logging.getLogger(__name__)
@@ -157,7 +157,8 @@ class BrowserSocket:
         await self._reply(order.id, await self._operator.execute(order, self._session, self._level()))
 
     async def _reply(self, id_: int | str | None, reply: Reply) -> None:
-        await self._send({"type": "reply", "id": id_, "ok": reply.ok, "text": in_both(reply.text)})
+        why = in_both_or_none(reply.why)
+        await self._send({"type": "reply", "id": id_, "ok": reply.ok, "text": in_both(reply.text), "why": why})
 
     async def _send(self, message: dict[str, Any]) -> None:
         async with self._send_lock:

@@ -10,7 +10,7 @@ import pytest
 
 from controller.core.devices import Memory
 from controller.core.expr import Bit, evaluate, leaves
-from controller.hmi.panel.view.jogs import jog_obstacle
+from controller.hmi.panel.orders.jog_reasons import jog_obstacle
 from controller.program.interlocks import Rule
 from controller.program.operator.commands import JOGGED
 from controller.program.states import Mode, State

@@ -251,7 +251,7 @@ def test_any_text_is_an_order_or_refused(text: str) -> None:
 def test_every_message_gets_a_reply(served: Browser, message: dict[str, Any], type_: str, id_: int) -> None:
     served.socket.send(json.dumps(message | {"type": type_, "id": id_}))
     reply = served.reply(id_)
-    assert set(reply) == {"type", "id", "ok", "text"}
+    assert set(reply) == {"type", "id", "ok", "text", "why"}
 
 
 @pytest.fixture(scope="module")

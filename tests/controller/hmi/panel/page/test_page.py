@@ -4,230 +4,34 @@ from __future__ import annotations
 
 import re
 import signal
-import socket
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
-from playwright.sync_api import Browser, Locator, expect
+from playwright.sync_api import Browser, expect
 
 from controller.hmi.panel.view import texts
-from controller.hmi.panel.web import app
-from controller.io.pace import FLAT_OUT, PAUSED
+from controller.io.pace import PAUSED
 from controller.program.alarms.guide import likely_causes
-from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.operator.next_press import NextPress
 from controller.program.states import Mode, State
-from controller.program.texts.interlocks import RULES
 from controller.program.texts.isolation import ISOLATION
 from controller.program.texts.next_press import NEXT_PRESSES
 from controller.program.texts.operator import CANNOT, MODES, STATES
-from plant_sim.crop.seedling import Location
-from tests.controller.hmi.panel.panel_page_rig import PASSWORDS, SCAN_MS, LiveMachine, PanelProcess
-from tests.controller.hmi.panel.screen import PAGES, TIMEOUT_MS, Screen, chromium, clear
+from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
+from tests.controller.hmi.panel.page.screen import (
+    PAGES,
+    TIMEOUT_MS,
+    Screen,
+    Station,
+    clear,
+    expect_state,
+    press_unavailable,
+)
 from tests.controller.hmi.panel.test_chinese import CHINESE, latin_words, punctuation_errors
-from tests.sampling import first_of
 
 STALE_MS = 1_000
 DRAW_MS = 500
 """Allowance for a browser on a busy computer to draw an update, ms."""
-OUTPUT = "left.lift_retract"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as process:
-        yield process
-
-
-@pytest.fixture
-def live(tmp_path: Path) -> Iterator[LiveMachine]:
-    with LiveMachine(tmp_path) as machine:
-        yield machine
-
-
-@pytest.fixture
-def panel(live: LiveMachine, tmp_path: Path) -> Iterator[PanelProcess]:
-    with PanelProcess(live, tmp_path) as process:
-        yield process
-
-
-class Station(NamedTuple):
-    """Machine and panel shared by several tests, and their folder."""
-
-    live: LiveMachine
-    panel: PanelProcess
-    folder: Path
-
-
-@contextmanager
-def started(folder: Path, *, slow: bool = False) -> Iterator[Station]:
-    with LiveMachine(folder) as live, PanelProcess(live, folder, slow=slow) as panel:
-        yield Station(live, panel, folder)
-
-
-@pytest.fixture(scope="module")
-def stopped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
-    """Yield a machine in the Stopped state; each test must leave it Stopped, in continuous mode and without alarms."""
-    with started(tmp_path_factory.mktemp("stopped")) as station:
-        yield station
-
-
-@pytest.fixture(scope="module")
-def manual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
-    """Yield a machine for jogging; each test must leave it in manual mode with its outputs off."""
-    with started(tmp_path_factory.mktemp("manual"), slow=True) as station:
-        yield station
-
-
-@pytest.fixture(scope="module")
-def screens(stopped: Station, browser: Browser) -> Iterator[dict[str, Screen]]:
-    """Yield a page of the stopped machine for each user, shared by the tests; each test must leave it without a dialog
-    and in English.
-    """
-    with ExitStack() as stack:
-        yield {user: stack.enter_context(Screen(browser, stopped.panel.url, user)) for user in PASSWORDS}
-
-
-@pytest.fixture(params=["operate"])
-def screen(request: pytest.FixtureRequest, screens: dict[str, Screen]) -> Iterator[Screen]:
-    """Yield the page of a user, by default the operator, on its first tab."""
-    shared = screens[request.param]
-    shared.open(PAGES[0])
-    yield shared
-    unexpected, shared.unexpected[:] = [*shared.unexpected], []
-    assert unexpected == []
-
-
-def expect_state(screen: Screen, state: State) -> None:
-    expect(screen.find("header [data-fact=state]")).to_contain_text(STATES[state].en, timeout=TIMEOUT_MS)
-
-
-def press_unavailable(button: Locator) -> None:
-    """Press an unavailable button with the mouse, once it rests and nothing covers it.
-
-    A click of the browser driver waits until the button is available, and a forced one does not look whether the page
-    moves meanwhile.
-    """
-    expect(button).to_have_attribute("aria-disabled", "true")
-    button.hover()
-    button.page.mouse.down()
-    button.page.mouse.up()
-
-
-def ready_to_jog(screen: Screen, live: LiveMachine) -> Locator:
-    """Start manual mode if necessary, and return the jog button of an output."""
-    screen.open("manual")
-    if live.state != State.EXECUTE:
-        live.fast()
-        screen.press("[data-command=mode_manual]")
-        live.until(lambda: live.runtime.plc.read(live.machine.tags.machine.mode) == Mode.MANUAL, "manual")
-        screen.press("[data-command=reset]")
-        live.until_state(State.IDLE)
-        screen.press("[data-command=start]")
-        live.until_state(State.EXECUTE)
-        live.slow()
-    button = screen.find(f"main [data-jog='{OUTPUT}']")
-    expect(button).not_to_have_attribute("aria-disabled", "true", timeout=TIMEOUT_MS)
-    return button
-
-
-def until_renewed(live: LiveMachine) -> None:
-    """Wait until the output has been on for longer than a lease that is not renewed."""
-    held_from_ms = live.now_ms
-    live.until(lambda: live.now_ms > held_from_ms + JOG_LEASE_MS + 2 * SCAN_MS, "held")
-    assert live.on(OUTPUT), "not renewed"
-
-
-def recent_cups(live: LiveMachine) -> dict[str, str]:
-    """Return the signs of the latest cups of each row, when the cups have stopped."""
-    plant = live.plant.server.module.plant
-
-    def read() -> dict[str, str]:
-        losses = {None: "○", Location.LOST_PICK: "P", Location.LOST_CARRY: "D", Location.LOST_THROW: "T"}
-        return {
-            side: "".join("↑" if cup.seedlings else losses[cup.cause] for cup in arm.row.recent)
-            for side, arm in plant.arms.items()
-        }
-
-    live.until(lambda: all(arm.cups.speed_m_s == 0.0 for arm in plant.arms.values()), "cups stand")
-    return live.plant.call(read)
-
-
-@pytest.mark.nightly
-def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
-    live: LiveMachine, panel: PanelProcess, browser: Browser
-) -> None:
-    with Screen(browser, panel.url) as screen:
-        screen.log_in("operate")
-        live.fast()
-        screen.press("[data-box=start]")
-        live.until_state(State.IDLE)
-        expect_state(screen, State.IDLE)
-        live.stop_cups_in(State.COMPLETE)
-        screen.press("[data-box=start]")
-        live.until_state(State.COMPLETE)
-        expect_state(screen, State.COMPLETE)
-        counts = live.counts()
-        assert counts.in_cups > 50
-        expect(screen.find("[data-fact=in_cups]")).to_have_text(f"{counts.in_cups} / {counts.total}")
-        expect(screen.find("[data-fact=lost]")).to_have_text(f"{counts.P} / {counts.D} / {counts.T}")
-        for side, cups in recent_cups(live).items():
-            expect(screen.find(f"[data-cups={side}]")).to_have_text(cups)
-            assert cups.count("↑") >= 10
-        expect(screen.find("[data-fact=trays]")).to_have_text("1")
-        thrown = sum(live.runtime.plc.read(arm.cycles) for arm in live.machine.tags.arms.values())
-        expect(screen.find("[data-fact=cycles]")).to_have_text(str(thrown))
-        screen.open("cycle")
-        expect(screen.find("[data-timing=left] [data-device=Y5]")).to_have_count(1)
-        expect(screen.find("[data-timing=right] [data-device=X23]").first).to_be_attached()
-        screen.open("trends")
-        expect(screen.find("[data-chart='Pressures']")).to_be_visible()
-
-
-@pytest.mark.nightly
-def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: Browser) -> None:
-    """A manually operated run, as in the README, completes, and the page shows the seedling counts of its report.
-
-    The times of the button presses determine how long the seedlings are held and how many break. The expected counts
-    are therefore taken from the report, which counts each of the 72 seedlings once.
-    """
-    with socket.create_server(("127.0.0.1", 0)) as reserved:
-        port = str(reserved.getsockname()[1])
-    command = [
-        *(sys.executable, "-m", "plant_sim", "run", "--by-hand", "--keep", "--trays", "1", "--pace", str(FLAT_OUT)),
-        *("--port", port, "--hmi-port", "0", "--panel-port", "0"),
-    ]
-    run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        assert run.stdout is not None
-        assert run.stderr is not None
-        url = next(line for line in run.stderr if line.startswith("panel at ")).removeprefix("panel at ").strip()
-        with Screen(browser, url) as screen:
-            screen.set_first_passwords()
-            screen.log_in("operate")
-            screen.press("[data-box=start]")
-            expect_state(screen, State.IDLE)
-            screen.press("[data-box=start]")
-            complete = re.compile(STATES[State.COMPLETE].en)
-            expect(screen.find("header [data-fact=state]")).to_contain_text(complete, timeout=180_000)
-            counted = next(line for line in run.stdout if line.startswith("seedlings "))
-            total, in_cups, *lost = map(int, re.findall(r"\d+", counted))
-            expect(screen.find("[data-fact=in_cups]")).to_have_text(f"{in_cups} / 72")
-            expect(screen.find("[data-fact=lost]")).to_have_text(" / ".join(map(str, lost)))
-        run.send_signal(signal.SIGINT)
-        _, errors = run.communicate(timeout=TIMEOUT_MS / 1_000)
-    finally:
-        run.send_signal(signal.SIGINT)  # on SIGINT the run stops its own processes
-        run.communicate()
-    assert run.returncode == 0, errors
-    assert in_cups + sum(lost) == total == 72
-    assert in_cups > 60
-    assert "Traceback" not in errors
 
 
 def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station, screen: Screen) -> None:
@@ -258,85 +62,6 @@ def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station
     expect(screen.find("[data-box=emergency_stop]")).to_have_attribute("aria-pressed", "false")
     expect(banner).to_contain_text("latched")
     clear(screen, live)
-
-
-def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> None:
-    live = manual.live
-    with Screen(browser, manual.panel.url) as screen:
-        screen.log_in("maintain")
-        button = ready_to_jog(screen, live)
-        for end in ("up", "leave", "blur"):
-            button.hover()
-            screen.page.mouse.down()
-            live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on, to end by {end}")
-            if end == "up":
-                until_renewed(live)
-                screen.page.mouse.up()
-            elif end == "leave":
-                screen.page.mouse.move(5, 5)
-            else:
-                screen.page.evaluate("() => window.dispatchEvent(new Event('blur'))")
-            live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off by {end}")
-            screen.page.mouse.up()
-        for key in ("Space", "Enter"):
-            button.focus()
-            screen.page.keyboard.down(key)
-            live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on by {key}")
-            screen.page.keyboard.up(key)
-            live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off after {key}")
-
-
-def test_a_held_button_tells_why_its_output_stays_off(manual: Station, browser: Browser) -> None:
-    with Screen(browser, manual.panel.url, "maintain") as screen:
-        ready_to_jog(screen, manual.live)
-        expect(screen.find("header [data-fact=state]")).to_have_text("❚❚ Ready to jog")
-        jog = screen.find(".jog", has=screen.find("[data-jog='left.slide_inward']"))
-        reason = jog.locator("[role=alert]")
-        expect(reason).to_be_empty()
-        jog.locator("button").hover()
-        screen.page.mouse.down()
-        expect(reason).to_have_text(RULES["inward ready"].en.capitalize())
-        assert not manual.live.on("left.slide_inward")
-        screen.page.mouse.up()
-        expect(reason).to_be_empty()
-
-
-@pytest.mark.parametrize("loss", first_of(["panel frozen", "page closed", "panel killed"]))
-def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, browser: Browser, loss: str) -> None:
-    live = manual.live
-    with ExitStack() as stack:
-        panel = (
-            stack.enter_context(PanelProcess(live, manual.folder, slow=True))
-            if loss == "panel killed"
-            else manual.panel
-        )
-        screen = stack.enter_context(Screen(browser, panel.url, "maintain"))
-        button = ready_to_jog(screen, live)
-        button.hover()
-        screen.page.mouse.down()
-        live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on")
-        until_renewed(live)
-        if loss == "page closed":
-            screen.page.close()
-        else:
-            panel.send(signal.SIGSTOP if loss == "panel frozen" else signal.SIGKILL)
-        lost_ms = live.now_ms
-        live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off")
-        # the last request may still be in transit and take effect one scan later
-        assert live.last_on_ms(OUTPUT) - lost_ms <= JOG_LEASE_MS + 2 * SCAN_MS
-        panel.send(signal.SIGCONT)  # the page waits for a frozen panel when it closes
-        screen.unexpected.clear()  # the browser reports the closed socket of a killed panel
-
-
-@pytest.mark.parametrize("screen", ["maintain"], indirect=True)
-def test_refused_jog_ends_and_shows_the_reason(stopped: Station, screen: Screen) -> None:
-    live = stopped.live
-    screen.open("manual")
-    button = screen.find(f"main [data-jog='{OUTPUT}']")
-    press_unavailable(button)
-    expect(screen.find("[data-part=notice]")).to_contain_text("Cannot")
-    expect(button).to_have_attribute("aria-pressed", "false")
-    assert not any(OUTPUT in outputs for _, outputs in live.levels)
 
 
 def test_nothing_can_be_pressed_before_the_first_view(panel: PanelProcess, browser: Browser) -> None:
@@ -628,31 +353,6 @@ def test_a_late_reply_does_not_hide_the_reply_to_a_newer_press(
     expect(screen.find("[data-part=notice]")).to_have_text(re.compile(re.escape(shown), re.IGNORECASE))
 
 
-SMALL_CONTROLS = """() => [...document.querySelectorAll("button, input, select")]
-  .filter((one) => one.checkVisibility({ visibilityProperty: true }))
-  .map((one) => ({ text: one.outerHTML, box: one.getBoundingClientRect() }))
-  .filter(({ box }) => box.width > 0 && box.height > 0 && !(box.width >= 44 && box.height >= 44))
-  .map(({ text, box }) => `${text} is ${box.width} px wide and ${box.height} px high`)"""
-"""Script that returns the visible controls that are less than 44 px wide or high."""
-
-
-@pytest.mark.parametrize(("width", "height"), first_of([(390, 844), (800, 1280), (1280, 800)]))
-@pytest.mark.parametrize("screen", ["maintain"], indirect=True)
-def test_every_page_fits_with_named_controls_of_touch_size(screen: Screen, width: int, height: int) -> None:
-    screen.page.set_viewport_size({"width": width, "height": height})
-    for page in PAGES:
-        screen.open(page)
-        excess = screen.page.evaluate("() => document.documentElement.scrollWidth - window.innerWidth")
-        assert excess <= 0, f"{page} is {excess} px too wide"
-        small = screen.page.evaluate(SMALL_CONTROLS)
-        assert small == [], page
-        nameless = screen.page.evaluate(
-            "() => [...document.querySelectorAll('button, input, select')].filter((one) => !one.textContent.trim()"
-            " && !one.labels?.length && !one.getAttribute('aria-label')).map((one) => one.outerHTML)"
-        )
-        assert nameless == []
-
-
 def test_commands_that_halt_stand_apart_and_are_not_asked_about(stopped: Station, screen: Screen) -> None:
     names = screen.page.evaluate(
         "() => [...document.querySelectorAll('.halts button')].map((one) => one.dataset.command)"
@@ -693,81 +393,3 @@ def test_numbers_that_round_to_zero_have_no_sign(screen: Screen) -> None:
         "async (all) => { const { fixed } = await import('/static/texts.js'); return all.map((one) => fixed(...one)); }"
     )
     assert screen.page.evaluate(script, numbers) == ["0.0", "-0.1", "0", "0", "-7.8", "1.3"]
-
-
-def test_state_mode_and_alarm_stay_in_view_on_a_small_screen(screen: Screen) -> None:
-    """At the end of every page as at its beginning; they take less than a quarter of the height."""
-    screen.page.set_viewport_size({"width": 480, "height": 600})
-    for page in PAGES:
-        screen.open(page)
-        screen.page.evaluate("() => window.scrollTo(0, document.documentElement.scrollHeight)")
-        for fact in ("[data-fact=state]", "[data-fact=mode]", "[data-fact=next-press]", "[data-part=banner]"):
-            expect(screen.find(f".always {fact}")).to_be_in_viewport(ratio=1)
-        height = screen.page.evaluate("() => document.querySelector('.always').getBoundingClientRect().height")
-        assert height < 150, page
-
-
-def test_tabs_are_selected_with_the_arrow_keys(screen: Screen) -> None:
-    screen.find("[role=tab][data-page=overview]").focus()
-    for page in (*PAGES[1:], PAGES[0]):
-        screen.page.keyboard.press("ArrowRight")
-        expect(screen.find("[role=tab]:focus")).to_have_attribute("data-page", page)
-        expect(screen.find("main")).to_have_attribute("data-page", page)
-
-
-STATIC = app.STATIC
-SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in STATIC.glob("*.js")}
-
-
-def test_every_text_key_of_the_scripts_exists() -> None:
-    used = {
-        key
-        for script in SCRIPTS.values()
-        for key in re.findall(r"\b(?:t|label|section|group|button|note|labelled)\(\"([a-z_.0-9]+)\"", script)
-    }
-    assert len(used) > 100
-    assert sorted(used - texts.TEXTS.keys()) == []
-
-
-def test_every_part_of_the_program_has_a_name(part_keys: list[str]) -> None:
-    assert sorted(set(part_keys) - texts.TEXTS.keys()) == []
-
-
-@pytest.fixture
-def part_keys() -> list[str]:
-    from controller.program.machine import build
-    from controller.program.tags import SIDES
-    from tests.controller.common.modbus_rig import IO_MAP
-
-    machine = build(IO_MAP)
-    tags = machine.tags
-    bare = [
-        point.tag.partition(".")[2] if point.tag.partition(".")[0] in SIDES else point.tag
-        for point in (*IO_MAP.inputs, *IO_MAP.outputs, *IO_MAP.unwired)
-    ]
-    steps = [step for sequence in machine.program.sequences() for _, step in sequence]
-    return [
-        *(f"command.{command.name}" for command in tags.commands if command.group != "jog"),
-        *(f"set.{name}" for name in tags.sp.names()),
-        *(f"point.{name}" for name in bare),
-        *(f"sequence.{sequence.name}" for sequence in machine.program.sequences()),
-        *(f"step.{step.title}" for step in steps),
-        *(f"waits.{step.waits_for}" for step in steps if step.waits_for),
-        *(f"jog.{output.rpartition('.')[2]}" for output in tags.commands.jog),
-    ]
-
-
-def test_every_text_has_both_languages_and_the_same_placeholders() -> None:
-    def placeholders(text: str) -> list[str]:
-        return sorted(re.findall(r"\{\w+\}", text))
-
-    assert [key for key, text in texts.TEXTS.items() if not text.en or not text.zh] == []
-    assert [key for key, text in texts.TEXTS.items() if placeholders(text.en) != placeholders(text.zh)] == []
-
-
-def test_page_loads_nothing_from_other_hosts() -> None:
-    for path in (path for path in STATIC.iterdir() if path.is_file()):
-        text = path.read_text(encoding="utf-8")
-        external = [url for url in re.findall(r"(?:https?:)?//[\w.]+\.\w+[^\s\"']*", text) if "www.w3.org" not in url]
-        assert external == [], path.name
-        assert not re.search(r"\bstyle=|\bon\w+=\"|<script>|innerHTML|\beval\(", text), path.name

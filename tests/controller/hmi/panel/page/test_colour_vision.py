@@ -11,8 +11,8 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from controller.program.states import State
-from tests.controller.hmi.panel.screen import PAGES, maintained
-from tests.controller.hmi.panel.still_page import differing_points, picture, show, stand_still
+from tests.controller.hmi.panel.page.screen import PAGES, maintained
+from tests.controller.hmi.panel.page.still_page import differing_points, picture, show, stand_still
 
 LEAST_POINTS: Final = 12
 """Least number of points in which two states differ: a stroke of a sign, more than a blurred edge."""

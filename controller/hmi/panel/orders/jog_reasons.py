@@ -7,6 +7,7 @@ from typing import Final
 from controller.core.devices import Memory
 from controller.core.expr import evaluate
 from controller.program.machine import Transplanter
+from controller.program.operator.commands import JOGGED
 from controller.program.tags import SIDES, Side, Tags
 from controller.program.texts.interlocks import AT_END, RULES
 from controller.program.texts.operator import Text
@@ -37,6 +38,20 @@ def jog_obstacle(machine: Transplanter, memory: Memory, output: str) -> Text | N
     if side in SIDES and _is_at_end(machine.tags, side, name, memory):
         return AT_END
     return None
+
+
+def foreseen_obstacle(machine: Transplanter, memory: Memory, output: str) -> Text | None:
+    """Return the obstacle of an output whose jog the program has not executed yet.
+
+    The reason is thus shown with the reply to the press, not after the next scans and polls.
+    """
+    jog = machine.tags.machine.jog
+    before = memory.word(jog.kind, jog.number)
+    memory.set_word(jog.kind, jog.number, 1 + JOGGED.index(output))
+    try:
+        return jog_obstacle(machine, memory, output)
+    finally:
+        memory.set_word(jog.kind, jog.number, before)
 
 
 def _is_at_end(tags: Tags, side: Side, name: str, memory: Memory) -> bool:

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Final, NamedTuple, Self
 from urllib.parse import urlsplit
 
-from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, Route, expect, sync_playwright
 
 from controller.hmi.panel.view import texts
-from controller.program.states import State
-from tests.controller.hmi.panel.panel_page_rig import PASSWORDS, LiveMachine, PanelProcess
+from controller.program.operator.commands import JOG_LEASE_MS
+from controller.program.states import Mode, State
+from controller.program.texts.operator import STATES
+from tests.controller.hmi.panel.page.panel_page_rig import PASSWORDS, SCAN_MS, SLOWER, LiveMachine, PanelProcess
 
 FLAGS: Final = [
     "--no-sandbox",
@@ -24,6 +26,8 @@ FLAGS: Final = [
 ]
 PAGES: Final = ("overview", "alarms", "trends", "cycle", "steps", "io", "manual", "recovery", "parameters")
 TIMEOUT_MS: Final = 60_000
+OUTPUT: Final = "left.lift_retract"
+"""Output that is jogged."""
 
 expect.set_options(timeout=TIMEOUT_MS)
 
@@ -37,18 +41,31 @@ def chromium(environment: dict[str, str | float | bool] | None = None) -> Iterat
         browser.close()
 
 
+def _lengthen(route: Route) -> None:
+    """Answer with the script in which values are outdated later."""
+    response = route.fetch()
+    short = "const STALE_MS = 1000;"
+    script = response.text()
+    assert short in script
+    route.fulfill(response=response, body=script.replace(short, f"const STALE_MS = {1_000 * SLOWER};"))
+
+
 class Screen:
     """Page in a browser; no unexpected event may occur during the test.
 
     Args:
         user: User who is logged in when the page opens; None for a page without a login.
         locale: Language of the browser.
+        slow: Whether the page's limit of outdated values is lengthened for a machine that `LiveMachine.slow` has
+            slowed down.
 
     Attributes:
         unexpected: Console errors, and requests to hosts other than the panel.
     """
 
-    def __init__(self, browser: Browser, url: str, user: str | None = None, locale: str = "en-US") -> None:
+    def __init__(
+        self, browser: Browser, url: str, user: str | None = None, locale: str = "en-US", *, slow: bool = False
+    ) -> None:
         self._context = browser.new_context(viewport={"width": 1280, "height": 800}, locale=locale)
         if user is not None:
             data = {"user": user, "password": PASSWORDS[user]}
@@ -56,6 +73,8 @@ class Screen:
             assert answer.ok, answer.text()
         self.page: Page = self._context.new_page()
         self.page.set_default_timeout(TIMEOUT_MS)
+        if slow:
+            self.page.route("**/static/link.js", _lengthen)
         self.unexpected: list[str] = []
         self._url = url
         self.page.on("console", lambda line: self.unexpected.append(line.text) if line.type == "error" else None)
@@ -129,3 +148,57 @@ def clear(screen: Screen, live: LiveMachine) -> None:
     """Clear an emergency stop whose button has been released."""
     screen.press("[data-command=clear]")
     live.until_state(State.STOPPED)
+
+
+class Station(NamedTuple):
+    """Machine and panel shared by several tests, and their folder."""
+
+    live: LiveMachine
+    panel: PanelProcess
+    folder: Path
+
+
+@contextmanager
+def started(folder: Path, *, slow: bool = False) -> Iterator[Station]:
+    with LiveMachine(folder) as live, PanelProcess(live, folder, slow=slow) as panel:
+        yield Station(live, panel, folder)
+
+
+def expect_state(screen: Screen, state: State) -> None:
+    expect(screen.find("header [data-fact=state]")).to_contain_text(STATES[state].en, timeout=TIMEOUT_MS)
+
+
+def press_unavailable(button: Locator) -> None:
+    """Press an unavailable button with the mouse, once it rests and nothing covers it.
+
+    A click of the browser driver waits until the button is available, and a forced one does not look whether the page
+    moves meanwhile.
+    """
+    expect(button).to_have_attribute("aria-disabled", "true")
+    button.hover()
+    button.page.mouse.down()
+    button.page.mouse.up()
+
+
+def ready_to_jog(screen: Screen, live: LiveMachine) -> Locator:
+    """Start manual mode if necessary, and return the jog button of an output."""
+    screen.open("manual")
+    if live.state != State.EXECUTE:
+        live.fast()
+        screen.press("[data-command=mode_manual]")
+        live.until(lambda: live.runtime.plc.read(live.machine.tags.machine.mode) == Mode.MANUAL, "manual")
+        screen.press("[data-command=reset]")
+        live.until_state(State.IDLE)
+        screen.press("[data-command=start]")
+        live.until_state(State.EXECUTE)
+        live.slow()
+    button = screen.find(f"main [data-jog='{OUTPUT}']")
+    expect(button).not_to_have_attribute("aria-disabled", "true", timeout=TIMEOUT_MS)
+    return button
+
+
+def until_renewed(live: LiveMachine) -> None:
+    """Wait until the output has been on for longer than a lease that is not renewed."""
+    held_from_ms = live.now_ms
+    live.until(lambda: live.now_ms > held_from_ms + JOG_LEASE_MS + 2 * SCAN_MS, "held")
+    assert live.on(OUTPUT), "not renewed"

@@ -43,7 +43,9 @@ from tests.controller.common.modbus_rig import IO_MAP, MACHINE
 SCAN_MS = 10
 TIMEOUT_S = 60.0
 SLOWER = 3
-"""Factor by which simulated time is slowed and the panel's jog lease lengthened in tests that hold a jog button."""
+"""Factor by which simulated time is slowed in tests that hold a jog button; the panel's jog lease and the ages from
+which panel and page regard values as outdated are lengthened accordingly.
+"""
 PASSWORDS = {"operate": "turn the soil", "maintain": "mend the claws"}
 CHEAP = Cost(n=2, r=1, p=1)
 
@@ -189,8 +191,10 @@ class LiveMachine:
 SLOW_PANEL = f"""
 import sys
 from controller.cli.main import main
+from controller.hmi.panel.modbus import mirror
 from controller.hmi.panel.orders import jog
 jog.LEASE_MS *= {SLOWER}
+mirror.STALE_MS *= {SLOWER}
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -200,7 +204,7 @@ class PanelProcess:
 
     Args:
         first_run: Whether no passwords have been set.
-        slow: Whether the panel's jog lease is lengthened for a machine that `LiveMachine.slow` has slowed down.
+        slow: Whether the panel's times are lengthened for a machine that `LiveMachine.slow` has slowed down.
         options: Further options of the command line.
     """
 

@@ -20,8 +20,8 @@ from controller.program.states import State
 from controller.program.tags import SIDES
 from controller.program.texts.operator import LANGUAGES, STATES, Language, Text
 from plant_sim.faults import parse_fault
-from tests.controller.hmi.panel.panel_page_rig import LiveMachine, PanelProcess
-from tests.controller.hmi.panel.screen import PAGES, Screen, chromium
+from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
+from tests.controller.hmi.panel.page.screen import PAGES, Screen, chromium
 from tests.controller.hmi.panel.text_tables import declared_values
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))

@@ -10,7 +10,7 @@ from playwright.sync_api import CDPSession, Page, expect
 
 from controller.hmi.panel.view.texts import TEXTS
 from controller.program.states import State
-from tests.controller.hmi.panel.screen import PAGES, Maintained, Screen, clear, maintained
+from tests.controller.hmi.panel.page.screen import PAGES, Maintained, Screen, clear, maintained
 
 TEXT_RATIOS: Final = {"grey": 4.5, "day": 7.0}
 """Least contrast of a text by theme (WCAG 2.2, 1.4.3 and 1.4.6)."""

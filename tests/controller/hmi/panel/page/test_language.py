@@ -17,8 +17,8 @@ from controller.hmi.panel.view.texts import TEXTS
 from controller.program.states import State
 from controller.program.texts.operator import STATES
 from scripts.foreign_files import WEIGHTS, characters
-from tests.controller.hmi.panel.panel_page_rig import LiveMachine, PanelProcess
-from tests.controller.hmi.panel.screen import Screen, chromium
+from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
+from tests.controller.hmi.panel.page.screen import Screen, chromium
 from tests.paths import ROOT
 
 FONTS: Final = """<?xml version="1.0"?>

@@ -1,0 +1,57 @@
+"""Browser, machines and pages of the tests in this folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser
+
+from tests.controller.hmi.panel.page.panel_page_rig import PASSWORDS, LiveMachine, PanelProcess
+from tests.controller.hmi.panel.page.screen import PAGES, Screen, Station, chromium, started
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as process:
+        yield process
+
+
+@pytest.fixture
+def live(tmp_path: Path) -> Iterator[LiveMachine]:
+    with LiveMachine(tmp_path) as machine:
+        yield machine
+
+
+@pytest.fixture
+def panel(live: LiveMachine, tmp_path: Path) -> Iterator[PanelProcess]:
+    with PanelProcess(live, tmp_path) as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
+    """Yield a machine in the Stopped state; each test must leave it Stopped, in continuous mode and without alarms."""
+    with started(tmp_path_factory.mktemp("stopped")) as station:
+        yield station
+
+
+@pytest.fixture(scope="module")
+def screens(stopped: Station, browser: Browser) -> Iterator[dict[str, Screen]]:
+    """Yield a page of the stopped machine for each user, shared by the tests; each test must leave it without a dialog
+    and in English.
+    """
+    with ExitStack() as stack:
+        yield {user: stack.enter_context(Screen(browser, stopped.panel.url, user)) for user in PASSWORDS}
+
+
+@pytest.fixture(params=["operate"])
+def screen(request: pytest.FixtureRequest, screens: dict[str, Screen]) -> Iterator[Screen]:
+    """Yield the page of a user, by default the operator, on its first tab."""
+    shared = screens[request.param]
+    shared.open(PAGES[0])
+    yield shared
+    unexpected, shared.unexpected[:] = [*shared.unexpected], []
+    assert unexpected == []

@@ -1,0 +1,53 @@
+"""Size and place of the controls on every page."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.controller.hmi.panel.page.screen import PAGES, Screen
+from tests.sampling import first_of
+
+SMALL_CONTROLS = """() => [...document.querySelectorAll("button, input, select")]
+  .filter((one) => one.checkVisibility({ visibilityProperty: true }))
+  .map((one) => ({ text: one.outerHTML, box: one.getBoundingClientRect() }))
+  .filter(({ box }) => box.width > 0 && box.height > 0 && !(box.width >= 44 && box.height >= 44))
+  .map(({ text, box }) => `${text} is ${box.width} px wide and ${box.height} px high`)"""
+"""Script that returns the visible controls that are less than 44 px wide or high."""
+
+
+@pytest.mark.parametrize(("width", "height"), first_of([(390, 844), (800, 1280), (1280, 800)]))
+@pytest.mark.parametrize("screen", ["maintain"], indirect=True)
+def test_every_page_fits_with_named_controls_of_touch_size(screen: Screen, width: int, height: int) -> None:
+    screen.page.set_viewport_size({"width": width, "height": height})
+    for page in PAGES:
+        screen.open(page)
+        excess = screen.page.evaluate("() => document.documentElement.scrollWidth - window.innerWidth")
+        assert excess <= 0, f"{page} is {excess} px too wide"
+        small = screen.page.evaluate(SMALL_CONTROLS)
+        assert small == [], page
+        nameless = screen.page.evaluate(
+            "() => [...document.querySelectorAll('button, input, select')].filter((one) => !one.textContent.trim()"
+            " && !one.labels?.length && !one.getAttribute('aria-label')).map((one) => one.outerHTML)"
+        )
+        assert nameless == []
+
+
+def test_state_mode_and_alarm_stay_in_view_on_a_small_screen(screen: Screen) -> None:
+    """At the end of every page as at its beginning; they take less than a quarter of the height."""
+    screen.page.set_viewport_size({"width": 480, "height": 600})
+    for page in PAGES:
+        screen.open(page)
+        screen.page.evaluate("() => window.scrollTo(0, document.documentElement.scrollHeight)")
+        for fact in ("[data-fact=state]", "[data-fact=mode]", "[data-fact=next-press]", "[data-part=banner]"):
+            expect(screen.find(f".always {fact}")).to_be_in_viewport(ratio=1)
+        height = screen.page.evaluate("() => document.querySelector('.always').getBoundingClientRect().height")
+        assert height < 150, page
+
+
+def test_tabs_are_selected_with_the_arrow_keys(screen: Screen) -> None:
+    screen.find("[role=tab][data-page=overview]").focus()
+    for page in (*PAGES[1:], PAGES[0]):
+        screen.page.keyboard.press("ArrowRight")
+        expect(screen.find("[role=tab]:focus")).to_have_attribute("data-page", page)
+        expect(screen.find("main")).to_have_attribute("data-page", page)
