@@ -82,8 +82,8 @@ _QUESTIONS: Final = {
         "取苗位的苗盘是原盘、满盘，还是没有可用的苗盘？",
     ),
     "cups": Text(
-        "Are the cups under the {side} claws empty? If not confirmed, twelve cups must pass first",
-        "{side}夹爪下方的苗杯是否为空？如不确认，须先转过十二个苗杯",
+        "Are the cups under the claws of both arms empty? If not confirmed, twelve cups must pass first",
+        "两臂夹爪下方的苗杯是否都为空？如不确认，须先转过十二个苗杯",
     ),
 }
 QUESTIONS: Final = Declared("QUESTIONS", __name__, _QUESTIONS)

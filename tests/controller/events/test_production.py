@@ -366,7 +366,7 @@ def test_the_cup_question_is_asked_once_over_the_cups_until_it_is_answered() -> 
     twin.command("cups_empty")
     twin.scan()
     assert [event.active for event in questions(twin, "right_cups")] == [True, False]
-    text = "Are the cups under the right claws empty? If not confirmed, twelve cups must pass first"
+    text = "Are the cups under the claws of both arms empty? If not confirmed, twelve cups must pass first"
     assert {event.text for event in questions(twin, "right_cups")} == {text}
     to_complete(twin)
     assert len(questions(twin, "left_cups")) == len(questions(twin, "right_cups")) == 2

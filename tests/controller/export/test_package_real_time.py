@@ -14,6 +14,7 @@ from controller.program.states import State
 from plant_sim.twin.operator import Operator, counts_of
 from tests.controller.export.package_rig import LIMIT_S, PackageRig, plant_process, rig
 from tests.controller.program.interlock_scene import MACHINE
+from tests.real_time import LATE_MS
 
 SEED, TRAYS = 1, 2
 READ_EVERY = 5
@@ -21,9 +22,14 @@ READ_EVERY = 5
 
 
 class Pace:
-    """Absolute pace of the scans: a late scan is followed by scans without a pause."""
+    """Absolute pace of the scans: a late scan is followed by scans without a pause.
+
+    Attributes:
+        latest_ms: Longest lateness of a scan, ms.
+    """
 
     def __init__(self) -> None:
+        self.latest_ms = 0.0
         self._start_ns = time.monotonic_ns()
         self._never = Event()
 
@@ -33,13 +39,18 @@ class Pace:
         due_ns = self._start_ns + machine.clock_ms * 1_000_000
         self._never.wait(max(0, due_ns - time.monotonic_ns()) / 1e9)
         machine.utc_ms = (time.monotonic_ns() - self._start_ns) // 1_000_000
-        machine.late_us = max(0, time.monotonic_ns() - due_ns) // 1_000 % 1_000_000
+        late_ns = max(0, time.monotonic_ns() - due_ns)
+        machine.late_us = late_ns // 1_000 % 1_000_000
+        self.latest_ms = max(self.latest_ms, late_ns / 1e6)
 
 
 @pytest.mark.nightly
 @pytest.mark.real_time
 def test_a_package_completes_a_trial_in_real_time() -> None:
-    """All seedlings are accounted for, without a fault of the clocks or of the link."""
+    """All seedlings are accounted for, without a fault of the clocks or of the link.
+
+    On a computer that delays a scan beyond the limits, the machine must abort and say why.
+    """
     machine = rig("openplc")
     with ExitStack() as stack:
         port = stack.enter_context(plant_process("--watchdog-ms", "500", seed=SEED, trays=TRAYS))
@@ -55,9 +66,13 @@ def test_a_package_completes_a_trial_in_real_time() -> None:
                 link.write_outputs(machine.outputs(link.read_inputs()))
                 if n % READ_EVERY == 0:
                     machine.link_ms = int(operator.telemetry()["time_ms"])
-                if machine.is_in(until):
+                if machine.is_in(until) or machine.is_in(State.ABORTED):
                     break
                 pace.wait(machine)
+            if machine.is_in(State.ABORTED):
+                assert machine.alarm(901) or machine.alarm(902)
+                assert pace.latest_ms > LATE_MS
+                return
             assert machine.is_in(until), machine.state
         counts = counts_of(operator.telemetry())
     assert counts.in_cups + counts.P + counts.D + counts.T == counts.total == 72 * TRAYS

@@ -43,10 +43,13 @@ def jog_obstacle(machine: Transplanter, memory: Memory, output: str) -> Text | N
 def foreseen_obstacle(machine: Transplanter, memory: Memory, output: str) -> Text | None:
     """Return the obstacle of an output whose jog the program has not executed yet.
 
-    The reason is thus shown with the reply to the press, not after the next scans and polls.
+    The reason is thus shown with the reply to the press, not after the next scans and polls. It is not foreseen as long
+    as the memory still contains the jog of another output.
     """
     jog = machine.tags.machine.jog
     before = memory.word(jog.kind, jog.number)
+    if before not in {0, 1 + JOGGED.index(output)}:
+        return None
     memory.set_word(jog.kind, jog.number, 1 + JOGGED.index(output))
     try:
         return jog_obstacle(machine, memory, output)

@@ -28,9 +28,17 @@ class MessageError(ValueError):
 
 
 class _Order(BaseModel):
+    """Order.
+
+    Attributes:
+        id: Repeated by the reply.
+        seen: Number of the view in which the order was given; None if it is executed however late it arrives.
+    """
+
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     id: Id
+    seen: int | None = Field(default=None, ge=0, le=2**53)
 
 
 class CommandOrder(_Order):

@@ -179,7 +179,7 @@ class OrderHandler:
             raise OrderRefusedError.because("no command", name=order.command)
         if command.bit in self._tags.commands.jog.values():
             raise OrderRefusedError.because("jog only")
-        if command.bit is self._tags.commands.acknowledge:
+        if command.bit is self._tags.commands.acknowledge and self._mirror.fresh:
             obstacle = obstacle_text(self._machine, self._mirror.memory, command)
             if obstacle is not None:
                 raise OrderRefusedError(obstacle)

@@ -65,6 +65,7 @@ REPLIES: Final = {
     "no box answer": Text("the operator box does not respond", "操作盒无应答"),
     "no pace": Text("not a simulation: the speed cannot be changed", "非仿真运行，不能变速"),
     "no forcing": Text("the controller does not allow forcing", "控制器不允许强制"),
+    "too late": Text("the order arrived too late and was not executed", "命令到达过晚，未执行"),
     "horn is off": Text("the horn is off", "蜂鸣器未响"),
     "no input": Text("unknown input {name!r}", "未知输入点 {name!r}"),
     "force only at rest": Text(

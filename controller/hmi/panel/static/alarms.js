@@ -1,7 +1,7 @@
 // Alarms: priority and state by shape, text and colour; banner on every page, alarm list and journal.
 
 import { app, getHistory, newPress, obstacle, order, refuse } from "./app.js";
-import { OrderButton } from "./controls.js";
+import { OrderButton, whenTapped } from "./controls.js";
 import { draw, make, mark, refill, write } from "./dom.js";
 import { AlarmHelp } from "./help.js";
 import { duration, localized, named, note, sentence, t, wallClock } from "./texts.js";
@@ -193,7 +193,7 @@ class ShelveForm {
   constructor(number) {
     this.minutes = make("input", { type: "number", min: 1, max: MAX_SHELVE_MIN, value: 10, "aria-label": t("alarms.minutes") });
     this.button = make("button", { type: "button", class: "order", "data-action": "shelve", text: t("alarms.shelve"),
-      on: { click: () => this.#shelve(number) } });
+      on: whenTapped(() => this.#shelve(number)) });
     this.node = make("div", { class: "shelf" }, make("label", {}, `${t("alarms.minutes")} `, this.minutes), this.button);
   }
 

@@ -29,11 +29,11 @@ export function obstacle(level, command = null) {
 
 let presses = 0;
 
-/** Return the number of a new press, which orders the replies of different presses; the last notice of its control ends. */
+/** Return a new press of a control, with the number that orders the replies of presses; the control's last notice ends. */
 export function newPress(control = null) {
   presses += 1;
-  app.pressed(presses, control);
-  return presses;
+  app.pressed(control);
+  return { number: presses, control };
 }
 
 /** Show why a press of a control has no effect, until it is pressed again or `holds` returns false. */
@@ -41,7 +41,7 @@ export function refuse(reason, control = null, holds = null) {
   app.notice(reason, false, newPress(control), holds);
 }
 
-/** Send an order and show the reply to its press, or `done` if it was executed; returns whether it was executed. */
+/** Send an order and show the reply to its press, or `done` in place of a positive one; returns whether it is positive. */
 export async function order(message, press = newPress(), done = null) {
   const reply = await app.link.order(message);
   app.notice(reply.ok && done !== null ? done : replyText(reply), reply.ok, press);

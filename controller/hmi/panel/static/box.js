@@ -1,7 +1,7 @@
 // Operator box of a simulated machine and simulation speed; hidden if not available.
 
 import { app, newPress, obstacle, order, refuse } from "./app.js";
-import { OrderButton, boxButton } from "./controls.js";
+import { OrderButton, boxButton, whenTapped } from "./controls.js";
 import { make, mark, write } from "./dom.js";
 import { t } from "./texts.js";
 
@@ -46,7 +46,8 @@ class EmergencyStopButton {
     this.pressed = false;
     this.reason = t("why.stale"); // until the first view
     this.state = make("p", { class: "why" });
-    this.button = make("button", { type: "button", class: "order emergency", "data-box": "emergency_stop", on: { click: () => this.press() } },
+    const tapped = (event) => event.detail > 1 || this.press(); // the second tap of a double tap does not release it
+    this.button = make("button", { type: "button", class: "order emergency", "data-box": "emergency_stop", on: whenTapped(tapped) },
       make("span", { text: t("box.emergency_stop") }));
     mark(this.button, "aria-disabled", "true");
     this.node = make("div", { class: "order-with-why" }, this.button, this.state);

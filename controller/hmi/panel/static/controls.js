@@ -7,6 +7,7 @@ import { t } from "./texts.js";
 const RENEW_MS = 100;
 const MIN_PRESS_MS = 300;
 const ASK_MS = 5000;
+export const AGAIN_MS = 500; // the second tap of a double tap follows sooner
 const TOUCH_MS = 50; // a drop of water touches for a shorter time
 const ANSWER_MS = 2000; // as with X0
 
@@ -17,7 +18,7 @@ export class OrderButton {
    * @param message order to send, or a function that returns it
    * @param options level: required access level; command: command that must be available; data: attributes;
    *   why: true to show the reason below the button; ask: question that a second press must confirm;
-   *   done: text of the notice when the order has been executed; halts: true if every tap is an order
+   *   done: text of the notice in place of a positive reply; halts: true if every touch is an order
    */
   constructor(label, message, { level = "operate", command = null, data = {}, why = false, kind = "", ask = null, done = null, halts = false } = {}) {
     this.level = level;
@@ -25,9 +26,8 @@ export class OrderButton {
     this.message = message;
     this.why = t("why.stale"); // until the first view
     this.done = done;
-    this.halts = halts;
-    this.acted = false; // whether the last tap was an order or a question
-    this.button = make("button", { type: "button", class: `order ${kind}`, ...data, on: { click: (event) => this.#tap(event) } });
+    this.actedAt = -Infinity; // time of the last tap that was an order or a question
+    this.button = make("button", { type: "button", class: `order ${halts ? "halt" : ""} ${kind}`, ...data, on: halts ? whenTouched(() => this.#press()) : whenTapped(() => this.#tap()) });
     mark(this.button, "aria-disabled", "true");
     this.label = make("span", { text: label });
     this.button.append(this.label);
@@ -45,9 +45,13 @@ export class OrderButton {
   }
 
   /** Press, unless this is the second tap of a double tap, which neither repeats an order nor confirms a question. */
-  #tap(event) {
-    if (event.detail > 1 && this.acted && !this.halts) return;
-    this.acted = this.why === null;
+  #tap() {
+    const now = performance.now();
+    if (now - this.actedAt < AGAIN_MS) {
+      refuse(t("touch.again"), this);
+      return;
+    }
+    if (this.why === null) this.actedAt = now;
     this.#press();
   }
 
@@ -63,6 +67,20 @@ export class OrderButton {
     this.first?.close();
     void order(typeof this.message === "function" ? this.message() : this.message, newPress(this), this.done);
   }
+}
+
+/** Return listeners that call a function for each tap, and once for a key that is held. */
+export function whenTapped(act) {
+  return { click: act, keydown: (event) => event.repeat && event.key === "Enter" && event.preventDefault() };
+}
+
+/**
+ * Return listeners that call a function for each touch. The browser makes no tap of a touch that lasts, slides or is one
+ * of several.
+ */
+function whenTouched(act) {
+  const byKey = (event) => event.detail === 0 && act();
+  return { ...whenTapped(byKey), pointerdown: (event) => event.button === 0 && act() };
 }
 
 /** Show why a control is unavailable; the notice ends when the reason does, or the control is no longer shown. */
@@ -99,19 +117,20 @@ class Question {
 
 const holding = new Set();
 
-/** Release all hold-to-run buttons of the page. */
-export function releaseAll() {
-  [...holding].forEach((hold) => hold.end());
+/** Release all hold-to-run buttons of the page, and show why presses that were too short had no effect; empty: nothing. */
+export function releaseAll(reason = "") {
+  [...holding].forEach((hold) => hold.end(reason));
 }
 
-window.addEventListener("blur", releaseAll);
-window.addEventListener("pagehide", releaseAll);
+window.addEventListener("blur", () => releaseAll());
+window.addEventListener("pagehide", () => releaseAll());
 document.addEventListener("visibilitychange", () => document.hidden && releaseAll());
 // of two touches at once, one is not meant: neither moves anything
 document.addEventListener("pointerdown", (event) => {
   if (event.isPrimary || holding.size === 0) return;
+  const [held] = holding;
   releaseAll();
-  refuse(t("touch.two"));
+  refuse(t("touch.two"), held);
 }, true);
 
 /** Hold-to-run button for pointer and keyboard: calls `begin` when pressed and `end` when released in any way. */
@@ -135,7 +154,7 @@ export class HoldButton {
     this.why = obstacle(this.level, this.command) ?? extra;
     mark(this.button, "aria-disabled", this.why === null ? null : "true");
     mark(this.button, "title", this.why);
-    if (this.why !== null && !app.link.live) this.end();
+    if (this.why !== null && !app.link.live) this.end(this.why);
   }
 
   start() {
@@ -151,12 +170,13 @@ export class HoldButton {
     this.begin(this);
   }
 
-  end() {
+  /** End the press; `reason`: why, if the user has not released the button. */
+  end(reason = null) {
     if (!this.held) return;
     this.held = false;
     holding.delete(this);
     mark(this.button, "aria-pressed", "false");
-    this.finish(this);
+    this.finish(this, reason);
   }
 
   #listen() {
@@ -220,17 +240,22 @@ export function jogButton(label, output, data = {}, told = () => {}) {
         renewal = window.setInterval(() => void send(button, true), RENEW_MS);
       }, TOUCH_MS);
     },
-    end: (button) => {
+    end: (button, reason) => {
       if (first !== null) {
         window.clearTimeout(first);
         first = null;
-        app.notice(t("touch.short"), false, press);
+        tooShort(reason ?? t("touch.short"), press);
         return;
       }
       window.clearInterval(renewal);
       void send(button, false);
     },
   });
+}
+
+/** Show why a press that was too short had no effect; an empty reason is shown nowhere. */
+function tooShort(reason, press) {
+  if (reason !== "") app.notice(reason, false, press);
 }
 
 /** Button that answers a question when it has been held; a shorter press, or another question, answers nothing. */
@@ -247,7 +272,7 @@ export class AnswerButton {
           void order({ type: "command", command }, this.press);
         }, ANSWER_MS);
       },
-      end: () => this.#cancel("answer.short"),
+      end: (button, reason) => this.#cancel(reason ?? t("answer.short")),
     });
     this.reason = make("p", { class: "why" });
     this.node = make("div", { class: "order-with-why" }, this.hold.node, this.reason);
@@ -260,15 +285,14 @@ export class AnswerButton {
 
   /** End a press because the question is another one. */
   questionChanged() {
-    this.#cancel("answer.changed");
-    this.hold.end();
+    this.hold.end(t("answer.changed"));
   }
 
-  #cancel(key) {
+  #cancel(reason) {
     if (this.answering === null) return;
     window.clearTimeout(this.answering);
     this.answering = null;
-    app.notice(t(key), false, this.press);
+    tooShort(reason, this.press);
   }
 }
 
@@ -283,10 +307,10 @@ export function boxButton(label, name) {
       press = newPress(button);
       void order({ type: "box", button: name, pressed: true }, press);
     },
-    end: () => {
-      const ended = press; // the next press may begin before the shortest time of this one is over
+    end: (button) => {
+      const ended = press; // the next press may begin before the shortest time of this one is over, and continues it
       const rest = Math.max(0, pressedAt + MIN_PRESS_MS - performance.now());
-      window.setTimeout(() => void order({ type: "box", button: name, pressed: false }, ended), rest);
+      window.setTimeout(() => button.held || void order({ type: "box", button: name, pressed: false }, ended), rest);
     },
   });
 }

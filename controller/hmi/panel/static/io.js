@@ -3,7 +3,7 @@
 import { app, hasLevel } from "./app.js";
 import { OrderButton, jogButton } from "./controls.js";
 import { make, mark, write } from "./dom.js";
-import { list, localized, note, sentence, t } from "./texts.js";
+import { labelled, list, localized, note, sentence, t } from "./texts.js";
 import { section } from "./parts.js";
 
 const RELEASE_FORCE = 2;
@@ -19,7 +19,7 @@ export class IoPage {
     const jogs = new Set(app.describe.jogs.map((jog) => jog.output));
     const points = (kind) => app.describe.points.filter((point) => point.kind === kind);
     this.inputs = points("input").map((point) => new PointRow(point, forceButtons(point)));
-    this.outputs = points("output").map((point) => new PointRow(point, jogs.has(point.tag) ? [jogButton(t("io.hold"), point.tag, { "data-part": "io" })] : []));
+    this.outputs = points("output").map((point) => new PointRow(point, jogs.has(point.tag) ? [jogButton(labelled(pointMeaning(point), t("io.hold")), point.tag, { "data-part": "io" })] : []));
     this.noForcing = make("p", { class: "why" });
     this.node = make("div", { class: "column" },
       section("io.inputs", this.noForcing, table(this.inputs, "io.force", "inputs")),

@@ -56,11 +56,14 @@ export class Link extends EventTarget {
     this.#checkStatus();
   }
 
-  /** Send an order; resolves to {ok, text, why}, or to {ok: false, key} if it was not sent or not answered. */
+  /**
+   * Send an order with the number of the view it was given in; resolves to {ok, text, why}, or to {ok: false, key} if it
+   * was not sent or not answered.
+   */
   order(message) {
     if (this.#socket?.readyState !== WebSocket.OPEN) return Promise.resolve({ ok: false, key: "order.no_link" });
     const id = this.#nextId++;
-    this.#socket.send(JSON.stringify({ ...message, id }));
+    this.#socket.send(JSON.stringify({ ...message, id, seen: this.#sequence }));
     return new Promise((resolve) => {
       const limit = window.setTimeout(() => this.#resolve(id, { ok: false, key: "order.no_reply" }), REPLY_LIMIT_MS);
       this.#waiting.set(id, { resolve, limit });

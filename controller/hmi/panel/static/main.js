@@ -26,20 +26,20 @@ const LANGUAGES = { en: "English", zh: "中文" };
 const NOTICE_MS = 8000;
 const DONE_MS = 3000;
 const RETRY_MS = 1000;
-const REMEMBERED_PRESSES = 50; // more than can be waiting for a reply
+const NOTICE_LEAST_MS = 1500; // time to read a refusal whose reason ends at once
 
 class PanelFrame {
   constructor() {
     this.name = PAGES[window.location.hash.slice(1)] ? window.location.hash.slice(1) : "overview";
     this.page = null;
-    this.noticePress = 0;
+    this.noticeNumber = 0;
+    this.noticeControl = null;
     this.noticeHolds = null;
-    this.presses = new Map();
     app.notice = (text, ok, press, holds = null) => this.#notice(text, ok, press, holds);
-    app.pressed = (press, control) => this.#pressed(press, control);
+    app.pressed = (control) => control !== null && control === this.noticeControl && this.#endNotice();
     app.link.addEventListener("view", () => this.update());
     app.link.addEventListener("status", () => this.update());
-    app.link.addEventListener("drop", releaseAll);
+    app.link.addEventListener("drop", () => releaseAll(t("why.stale")));
     app.link.addEventListener("ended", () => this.changed());
     window.addEventListener("hashchange", () => this.open(window.location.hash.slice(1)));
   }
@@ -145,7 +145,7 @@ class PanelFrame {
     this.#machine(view.machine);
     this.banner.update(view);
     this.page.update(view);
-    if (this.noticeHolds?.() === false) this.#endNotice();
+    if (this.noticeHolds?.() === false && performance.now() - this.noticeAt > NOTICE_LEAST_MS) this.#endNotice();
   }
 
   #machine(machine) {
@@ -163,25 +163,22 @@ class PanelFrame {
     node.hidden = text === "";
   }
 
-  /** Show the reply to a press. The reply to an older press than the one shown appears only if it is the first refusal. */
-  #notice(text, ok, press, holds) {
+  /**
+   * Show the reply to a press. The reply to an older press than the one shown appears only if it is the first refusal,
+   * or if the control has executed its order before it refused the newer press.
+   */
+  #notice(text, ok, { number, control }, holds) {
     const refusalShown = this.noticeLine.textContent !== "" && this.noticeLine.dataset.ok === "0";
-    if (press < this.noticePress && (ok || refusalShown)) return;
-    this.noticePress = Math.max(press, this.noticePress);
+    const sameControl = control !== null && control === this.noticeControl;
+    if (number < this.noticeNumber && (ok ? !sameControl : refusalShown)) return;
+    this.noticeNumber = Math.max(number, this.noticeNumber);
+    this.noticeAt = performance.now();
     write(this.noticeLine, `${ok ? "✓" : "✕"} ${text}`);
     mark(this.noticeLine, "data-ok", ok ? "1" : "0");
     window.clearTimeout(this.noticeEnd);
     this.noticeHolds = holds;
-    this.noticeControl = this.presses.get(press) ?? null;
+    this.noticeControl = control;
     this.noticeEnd = window.setTimeout(() => this.#endNotice(), ok ? DONE_MS : NOTICE_MS);
-  }
-
-  /** Remember the control of a press, and end the notice of its last one. */
-  #pressed(press, control) {
-    if (control === null) return;
-    if (this.noticeControl === control) this.#endNotice();
-    this.presses.set(press, control);
-    if (this.presses.size > REMEMBERED_PRESSES) this.presses.delete(this.presses.keys().next().value);
   }
 
   #endNotice() {
@@ -222,7 +219,7 @@ async function start(panel = null) {
   }
   useTexts(description);
   if (description.states === undefined) {
-    const login = new Login(() => void start());
+    const login = new Login(() => void start(panel));
     refill(document.getElementById("panel"), login.dialog);
     login.ask();
     return;

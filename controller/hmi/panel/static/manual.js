@@ -6,12 +6,12 @@ import { make, mark, write } from "./dom.js";
 import { labelled, list, localized, sentence, t } from "./texts.js";
 import { commandButton, section } from "./parts.js";
 
-const READY = ["mode_manual", "reset", "start", "stop", "jog_release"];
+const READY = ["mode_manual", "reset", "start", "stop"];
 
 export class ManualPage {
   constructor() {
     this.jogs = app.describe.jogs.map((jog) => new JogControl(jog));
-    this.ready = app.describe.commands.filter((command) => READY.includes(command.name) && command.group !== "jog")
+    this.ready = app.describe.commands.filter((command) => READY.includes(command.name))
       .sort((one, other) => READY.indexOf(one.name) - READY.indexOf(other.name))
       .map((command) => commandButton(command, { why: true }));
     this.state = make("p", { class: "big-state" });
@@ -44,10 +44,8 @@ class JogControl {
     // the headings of the arms scroll out of view on a small screen
     this.button = jogButton(this.side === null ? t(`jog.${bare}`) : labelled(t(this.side), t(`jog.${bare}`)), jog.output, {}, (why) => {
       this.foreseen = why;
-      if (this.requested !== true) this.#tell(why);
     });
     this.foreseen = null;
-    this.requested = false;
     this.lamp = make("span", { class: "jog-lamp" });
     this.feedback = make("span", { class: "why" });
     this.blocked = make("span", { class: "wrong", role: "alert" });
@@ -60,16 +58,11 @@ class JogControl {
     const on = active(view, this.output) === true;
     mark(this.node, "data-on", on ? "1" : null);
     write(this.lamp, `${on ? "●" : "○"} ${app.points.get(this.output)?.address ?? ""} ${on ? t("manual.held") : ""}`);
-    this.requested = view.jog.output === this.output && view.jog.requested;
+    const requested = view.jog.output === this.output && view.jog.requested;
     if (!this.button.held) this.foreseen = null;
-    this.#tell(this.requested ? view.jog.why : this.foreseen);
+    write(this.blocked, sentence(localized(requested ? view.jog.why : this.foreseen))); // why it stays off or moves nothing
     const activeSwitches = this.switches.filter((tag) => active(view, tag) === true);
     write(this.feedback, list(activeSwitches.map((tag) => t(`point.${tag.replace(`${this.side}.`, "")}`))));
-  }
-
-  /** Show why the output stays off or moves nothing. */
-  #tell(why) {
-    write(this.blocked, sentence(localized(why)));
   }
 }
 

@@ -7,12 +7,11 @@ import { BoxPanel } from "./box.js";
 import { Mimic } from "./mimic.js";
 import { RowStrips } from "./row.js";
 import { make, mark } from "./dom.js";
-import { Facts, commandButton, section } from "./parts.js";
+import { Facts, HALTS, commandButton, section } from "./parts.js";
 import { clampForce, fixed, labelled, list, named, note, seconds, t } from "./texts.js";
 
 const SIDES = ["left", "right"];
 const CLAMP_HIGHEST_N = 40;
-const HALTS = ["stop", "hold", "abort"]; // never asked about, and apart from the others
 const ASKED = new Set(["count_reset"]);
 const EXCLUDED_GROUPS = new Set(["jog", "answer", "discard", "mode", "rows", "service"]);
 
@@ -24,8 +23,7 @@ export class OverviewPage {
     this.rows = new RowStrips(SIDES);
     this.arms = Object.fromEntries(SIDES.map((side) => [side, new ArmCard(side, geometry)]));
     const commands = app.describe.commands.filter((command) => !EXCLUDED_GROUPS.has(command.group));
-    this.halts = HALTS.map((name) => commandButton(commands.find((command) => command.name === name),
-      { halts: true, done: name === "hold" ? t("hold.about") : null }));
+    this.halts = HALTS.map((name) => commandButton(commands.find((command) => command.name === name), name === "hold" ? { done: t("hold.about") } : {}));
     mark(this.halts.find((button) => button.command === "hold").button, "aria-describedby", "hold-about");
     this.others = commands.filter((command) => !HALTS.includes(command.name))
       .map((command) => commandButton(command, ASKED.has(command.name) ? { ask: t("ask", { label: t(`command.${command.name}`) }) } : {}));

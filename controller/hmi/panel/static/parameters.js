@@ -1,6 +1,7 @@
 // Parameters page: set-points with unit, limits and default; input is checked before it is sent.
 
 import { app, newPress, obstacle, order, refuse } from "./app.js";
+import { AGAIN_MS } from "./controls.js";
 import { make, mark, write } from "./dom.js";
 import { labelled, named, t, unitText } from "./texts.js";
 import { section } from "./parts.js";
@@ -68,6 +69,7 @@ class ParameterRow {
   }
 
   #form() {
+    Object.assign(this, { sent: "", sentAt: -Infinity });
     this.input = make("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": labelled(t("parameters.new"), this.name),
       on: { input: () => this.#showError(null) } });
     this.button = make("button", { type: "submit", class: "order", text: t("parameters.set"), "aria-label": labelled(t("parameters.set"), this.name) });
@@ -76,12 +78,18 @@ class ParameterRow {
 
   async #send(event) {
     event.preventDefault();
+    const entry = this.input.value;
+    if (performance.now() - this.sentAt < AGAIN_MS && ["", this.sent].includes(entry)) return; // the second tap of a double tap
     const reason = obstacle("operate");
-    const { raw, error } = this.#parse(this.input.value.trim());
+    const { raw, error } = this.#parse(entry.trim());
     this.#showError(error);
     if (reason !== null) refuse(reason, this, () => this.node.isConnected && obstacle("operate") === reason);
     else if (error !== null) refuse(error, this, () => this.node.isConnected && this.wrong === error);
-    else if (await order({ type: "set", name: this.point.name, value: raw }, newPress(this))) this.input.value = "";
+    else {
+      Object.assign(this, { sent: entry, sentAt: performance.now() });
+      const done = await order({ type: "set", name: this.point.name, value: raw }, newPress(this));
+      if (done && this.input.value === entry) this.input.value = "";
+    }
   }
 
   /** Show the error of the entry; null when the entry changes. */

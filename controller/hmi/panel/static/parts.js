@@ -10,10 +10,12 @@ export function section(key, ...children) {
   return make("section", { class: "part" }, make("h2", { text: t(key) }), ...children);
 }
 
+export const HALTS = ["stop", "hold", "abort"]; // never asked about, and apart from the others
+
 /** Return the button of a command from the description. */
 export function commandButton(command, options = {}) {
   return new OrderButton(named(`command.${command.name}`, command.text), { type: "command", command: command.name }, {
-    command: command.name, data: { "data-command": command.name }, ...options,
+    command: command.name, data: { "data-command": command.name }, halts: HALTS.includes(command.name), ...options,
   });
 }
 

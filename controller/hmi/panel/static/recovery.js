@@ -7,6 +7,7 @@ import { labelled, list, localized, named, sentence, t } from "./texts.js";
 import { Facts, commandButton, isolation, section } from "./parts.js";
 
 const TRAY = "tray";
+const DISCARDS = ["left_discard", "right_discard"];
 const WAYS_OUT = ["clear", "reset", "start", "unhold"];
 
 export class RecoveryPage {
@@ -16,7 +17,7 @@ export class RecoveryPage {
     const commands = new Map(app.describe.commands.map((command) => [command.name, command]));
     const buttons = (names) => names.filter((name) => commands.has(name)).map((name) => commandButton(commands.get(name), { why: true }));
     this.ways = buttons(WAYS_OUT);
-    this.discards = buttons(["left_discard", "right_discard"]);
+    this.discards = DISCARDS.map((name) => new AnswerButton(named(`command.${name}`, commands.get(name).text), name));
     this.facts = new Facts([["state", t("state")], ["mode", t("mode")], ["reason", t("reason")], ["refusal", t("recovery.last_refusal")]]);
     this.rows = buttons(names("rows"));
     this.service = buttons(names("service"));
@@ -38,10 +39,12 @@ export class RecoveryPage {
     this.isolation.hidden = !machine.isolate;
     this.facts.write("state", localized(app.describe.states[machine.state]));
     this.facts.write("mode", sentence(localized(app.describe.modes[machine.mode])));
-    this.facts.write("reason", sentence(localized(app.describe.reasons[machine.reason])) || t("none"));
+    this.facts.write("reason", reasonText(machine));
     this.facts.write("refusal", sentence(localized(machine.refusal)) || t("none"));
-    const key = view.questions.open.join();
-    if (key !== this.open) this.#ask(view.questions.open);
+    const { open } = view.questions;
+    const tray = open.includes(TRAY) ? [view.tray.edge, view.tray.phase, storedRows(view)] : []; // what the operator answers for
+    const key = [...open, ...tray].join();
+    if (key !== this.open) this.#ask(open);
     this.open = key;
     write(this.stored, t("recovery.stored_tray", { rows: storedRows(view) }));
     [...this.ways, ...this.discards, ...this.rows, ...this.service, ...this.answers].forEach((button) => button.update());
@@ -49,7 +52,7 @@ export class RecoveryPage {
 
   #ask(open) {
     const asked = app.describe.questions.filter((question) => open.includes(question.key));
-    this.answers.forEach((button) => button.questionChanged());
+    [...this.answers, ...this.discards].forEach((button) => button.questionChanged());
     this.answers = [];
     this.stored = make("p", { class: "why", "data-fact": "stored-tray" });
     refill(this.questions, ...(asked.length ? asked.map((question) => this.#question(question)) : [make("p", { text: t("recovery.no_questions") })]));
@@ -61,6 +64,11 @@ export class RecoveryPage {
     return make("div", { class: "question", "data-question": question.key }, make("p", { text: localized(question.text) }),
       question.key === TRAY ? this.stored : null, orders(buttons));
   }
+}
+
+/** Return why the machine does not run: the alarm that stopped it, else the reason of its state. */
+function reasonText(machine) {
+  return sentence(localized(app.alarms.get(machine.first_out)?.text ?? app.describe.reasons[machine.reason])) || t("none");
 }
 
 /** Return the rows of the tray as the controller remembers them, to compare with the tray that lies there. */

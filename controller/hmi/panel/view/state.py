@@ -16,6 +16,7 @@ from controller.hmi.panel.orders.jog import Jogging
 from controller.hmi.panel.orders.jog_reasons import jog_obstacle
 from controller.hmi.panel.orders.session import force_obstacle, obstacle_text
 from controller.program.machine import Transplanter
+from controller.program.operator.commands import JOGGED
 from controller.program.operator.next_press import NextPress, refused_text, what_to_do
 from controller.program.operator.refusals import Refusal
 from controller.program.tags import ROWS, SIDES, Side
@@ -128,7 +129,7 @@ class ViewBuilder:
     def _jog(self) -> Json:
         """Return the output that is jogged, and why it stays off or moves nothing."""
         output, why = self._jogging.output, None
-        is_requested = output is not None and bool(self._read(self._tags.machine.jog))
+        is_requested = output is not None and self._read(self._tags.machine.jog) == 1 + JOGGED.index(output)
         if output is not None and is_requested:
             why = jog_obstacle(self._machine, self._mirror.memory, output)
         return {"output": output, "requested": is_requested, "why": in_both_or_none(why)}

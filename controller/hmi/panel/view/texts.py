@@ -80,10 +80,11 @@ _FRAME: Final = {
     "why.maintain": Text("Maintenance login required", "需要维护人员登录"),
     "why.unknown": Text("Not available now", "当前不可用"),
     "touch.two": Text("Two touches at once: lift both and press again", "同时按了两处：请全部松开后重新按下"),
+    "touch.again": Text("Pressed twice: taken once", "连按两次：只执行一次"),
     "touch.short": Text("Touched too briefly: hold the button", "按下时间过短：请按住按钮"),
-    "answer.hold": Text("Hold for 2 s to answer", "按住 2 秒作答"),
-    "answer.short": Text("Not answered: read the question and hold for 2 s", "未作答：请读问题并按住 2 秒"),
-    "answer.changed": Text("Not answered: the question has changed", "未作答：问题已改变"),
+    "answer.hold": Text("Hold for 2 s", "按住 2 秒"),
+    "answer.short": Text("Nothing done: read the text and hold for 2 s", "未执行：请读提示并按住 2 秒"),
+    "answer.changed": Text("Nothing done: the question has changed", "未执行：问题已改变"),
 }
 """Frame of the page: header, tabs, connection."""
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from controller.hmi.panel.orders.login import AccessLevel
-from controller.hmi.panel.orders.messages import JogOrder, MessageError, Order, read_order
+from controller.hmi.panel.orders.messages import BoxOrder, CommandOrder, JogOrder, MessageError, Order, read_order
 from controller.hmi.panel.orders.operator import OrderHandler, Reply
 from controller.hmi.panel.orders.replies import reply_text
 from controller.hmi.panel.orders.session import BrowserSession
@@ -23,6 +23,8 @@ VIEW_MS: Final = 100
 MAX_BROWSERS: Final = 32
 MAX_PENDING: Final = 16
 """Maximum number of pending orders of one browser."""
+LATEST_VIEWS: Final = 30
+"""Number of views after which an order is too old to be executed (3 s): its user may have left after *no reply*."""
 
 _DISCONNECTED: Final = (WebSocketDisconnect, RuntimeError, OSError)
 """Errors raised when sending to a disconnected browser."""
@@ -69,6 +71,15 @@ class ViewBroadcaster:
             await asyncio.sleep(VIEW_MS / 1_000)
 
 
+def _always_executed(order: Order) -> bool:
+    """Return whether an order halts the machine, or is a jog, which ends without its renewal."""
+    match order:
+        case CommandOrder(command="stop" | "hold" | "abort") | BoxOrder(button="emergency_stop", pressed=True):
+            return True
+        case _:
+            return isinstance(order, JogOrder)
+
+
 class BrowserSocket:
     """One browser socket; when it closes, the jog, the buttons and the forced inputs of the browser are released."""
 
@@ -90,6 +101,7 @@ class BrowserSocket:
         self._session = BrowserSession()
         self._orders: set[asyncio.Task[None]] = set()
         self._send_lock = asyncio.Lock()
+        self._views = 0
 
     async def serve(self) -> None:
         """Serve until the socket closes or the session ends."""
@@ -122,6 +134,7 @@ class BrowserSocket:
             else:
                 await self._send({"type": "delta", "seq": number, "view": delta(sent, view)})
             sent, number = view, number + 1
+            self._views = number
             await self._broadcaster.next_view()
         await self._close(SESSION_ENDED)
 
@@ -143,7 +156,10 @@ class BrowserSocket:
             self._operator.refused += 1
             await self._reply(error.id, Reply(False, reply_text("malformed", what=error)))
             return
-        if isinstance(order, JogOrder):  # in order of arrival, without waiting for other orders
+        if order.seen is not None and self._views - order.seen > LATEST_VIEWS and not _always_executed(order):
+            self._operator.refused += 1
+            await self._reply(order.id, Reply(False, reply_text("too late")))
+        elif isinstance(order, JogOrder):  # in order of arrival, without waiting for other orders
             await self._execute(order)
         elif len(self._orders) >= MAX_PENDING:
             self._operator.refused += 1

@@ -63,6 +63,11 @@ class Browser:
         apply(self.view, message["view"])
         return message
 
+    @property
+    def view_number(self) -> int:
+        """Number of the latest view."""
+        return self._expected - 1
+
     def until(self, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """Read until a condition on the view holds."""
         for _ in range(MAX_MESSAGES):

@@ -10,7 +10,7 @@ import pytest
 
 from controller.core.devices import Memory
 from controller.core.expr import Bit, evaluate, leaves
-from controller.hmi.panel.orders.jog_reasons import jog_obstacle
+from controller.hmi.panel.orders.jog_reasons import foreseen_obstacle, jog_obstacle
 from controller.program.interlocks import Rule
 from controller.program.operator.commands import JOGGED
 from controller.program.states import Mode, State
@@ -115,3 +115,13 @@ def test_a_held_jog_moves_its_device_or_tells_why_not(rig: PanelRig, output: str
     expected = AT_FEED[output.rpartition(".")[2]]
     assert seen[-1] == (None if expected is None else {"en": expected.en, "zh": expected.zh})
     assert ended["jog"]["why"] is None
+
+
+def test_nothing_is_foreseen_as_long_as_the_jog_of_another_output_is_known() -> None:
+    """From up quickly to down, *the opposite motion is requested* would be wrong."""
+    jog, memory = MACHINE.tags.machine.jog, Memory()
+    own, opposite = (1 + JOGGED.index(f"left.{name}") for name in ("lift_extend", "lift_retract"))
+    for known, foreseen in ((0, True), (own, True), (opposite, False)):
+        memory.set_word(jog.kind, jog.number, known)
+        assert (foreseen_obstacle(MACHINE, memory, "left.lift_extend") is not None) is foreseen
+        assert memory.word(jog.kind, jog.number) == known

@@ -12,6 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from controller.hmi.panel.orders.messages import MessageError, read_order
+from controller.hmi.panel.orders.replies import REPLIES
+from controller.hmi.panel.web import sockets
 from controller.io.forcing import LEASE_MS
 from controller.io.pace import Pace
 from controller.program.states import Mode, State
@@ -102,6 +104,25 @@ def test_every_command_is_available_or_refused_as_shown(rig: PanelRig) -> None:
             assert reply["ok"] is shown["free"], (name, reply, shown)
             reason_first = (reply["text"][language].startswith(shown["why"][language]) for language in ("en", "zh"))
             assert shown["free"] or all(reason_first)
+
+
+def test_an_order_that_arrives_late_is_not_executed(rig: PanelRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its user may have left after *no reply*; an order that halts is executed however late it arrives."""
+    monkeypatch.setattr(sockets, "LATEST_VIEWS", 3)
+    mode: dict[str, Any] = {"type": "command", "command": "mode_step"}
+    release: dict[str, Any] = {"type": "box", "button": "emergency_stop", "pressed": False}
+    too_late = REPLIES["too late"].en
+    with rig.browser("operate") as browser:
+        for _ in range(6):
+            browser.read()
+        assert [english(browser.order(**order, seen=0)) for order in (mode, release)] == [too_late, too_late]
+        assert browser.order(**mode, seen=browser.view_number)["ok"] is True
+        halts: list[dict[str, Any]] = [
+            *({"type": "command", "command": name} for name in ("stop", "hold", "abort")),
+            release | {"pressed": True},
+        ]
+        assert too_late not in [browser.order(**order, seen=0)["text"]["en"] for order in halts]
+    assert rig.twin.plc.read(rig.twin.machine.tags.machine.mode) == Mode.STEP
 
 
 def test_set_points(rig: PanelRig) -> None:

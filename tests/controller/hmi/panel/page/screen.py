@@ -26,6 +26,8 @@ FLAGS: Final = [
 ]
 PAGES: Final = ("overview", "alarms", "trends", "cycle", "steps", "io", "manual", "recovery", "parameters")
 TIMEOUT_MS: Final = 60_000
+AGAIN_MS: Final = 600
+"""Time after which a tap is no longer the second one of a double tap, ms."""
 OUTPUT: Final = "left.lift_retract"
 """Output that is jogged."""
 

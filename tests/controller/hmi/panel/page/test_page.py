@@ -19,6 +19,7 @@ from controller.program.texts.next_press import NEXT_PRESSES
 from controller.program.texts.operator import CANNOT, MODES, STATES
 from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
 from tests.controller.hmi.panel.page.screen import (
+    AGAIN_MS,
     PAGES,
     TIMEOUT_MS,
     Screen,
@@ -49,6 +50,8 @@ def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station
         expect(banner).to_have_attribute("data-alarm", "900")
         expect(banner).to_have_attribute("data-priority", "safety")
         expect(banner).to_contain_text("[First-out] Emergency stop pressed (unacknowledged)")
+    screen.open("recovery")
+    expect(screen.find("main [data-fact=reason]")).to_have_text("Emergency stop pressed")
     screen.open("alarms")
     expect(screen.find("[data-alarm='900'] [data-action=shelve]")).to_have_count(0)
     screen.press("[data-banner=acknowledge]")
@@ -372,8 +375,10 @@ def test_resetting_the_counters_is_asked_about(stopped: Station, screen: Screen)
     expect(button).to_have_text("Reset counters? Press again")
     screen.find("[data-command=clear]").focus()
     expect(button).to_have_text("Reset counters")
+    screen.page.wait_for_timeout(AGAIN_MS)
     button.click()
     assert live.runtime.plc.read(done) == 3
+    screen.page.wait_for_timeout(AGAIN_MS)
     button.click()
     live.until(lambda: live.runtime.plc.read(done) == 0, "counters reset")
     expect(button).to_have_text("Reset counters")

@@ -240,9 +240,7 @@ def test_a_notice_ends_with_its_reason_or_the_next_press_of_its_control(station:
     """Refusals by the page and by the server; a press of another control does not end them."""
     live, mode = station.live, station.live.machine.tags.machine.mode
     notice = screen.find("[data-part=notice]")
-    screen.page.evaluate(
-        "() => { window.setTimeout = ((set) => (f, ms) => set(f, ms === 8000 ? 1e9 : ms))(setTimeout); }"
-    )
+    screen.page.evaluate(KEEP_NOTICES)
     screen.open("overview")
     live.runtime.order("mode_continuous")
     live.until(lambda: live.runtime.plc.read(mode) == Mode.CONTINUOUS, "continuous")
@@ -263,11 +261,30 @@ def test_a_notice_ends_with_its_reason_or_the_next_press_of_its_control(station:
     entry.fill("50")
     expect(notice).to_be_empty()
     ended = screen.page.evaluate(PRESS_AGAIN)
-    assert ended == ["✕ refused", "✕ refused", ""]
+    assert ended == ["✕ refused", "✕ refused", "", "✕ refused", "✓ done"]
 
 
+def test_a_refused_shelving_ends_when_its_entry_changes(station: Station, screen: Screen) -> None:
+    live, clamp, notice = station.live, station.live.machine.tags.sp.clamp, screen.find("[data-part=notice]")
+    screen.page.evaluate(KEEP_NOTICES)
+    before = live.runtime.plc.read(clamp)
+    live.runtime.plc.write(clamp, before + 10)  # a machine constant that differs is a warning
+    screen.open("alarms")
+    minutes = screen.find("li[data-alarm='999'] input")
+    minutes.fill("0")
+    screen.find("li[data-alarm='999'] [data-action=shelve]").click()
+    expect(notice).to_have_text("✕ Enter 1 to 480")
+    minutes.fill("5")
+    expect(notice).to_be_empty()
+    live.runtime.plc.write(clamp, before)
+    screen.press("[data-command=acknowledge_all]")
+    expect(screen.find("li[data-alarm='999']")).to_have_count(0)
+
+
+KEEP_NOTICES: Final = "() => { window.setTimeout = ((set) => (f, ms) => set(f, ms === 8000 ? 1e9 : ms))(setTimeout); }"
+"""Script after which a refusal does not end by itself."""
 PRESS_AGAIN: Final = """async () => {
-  const { newPress, refuse } = await import("/static/app.js");
+  const { app, newPress, refuse } = await import("/static/app.js");
   const line = document.querySelector("[data-part=notice]");
   const [one, other] = [{}, {}];
   refuse("refused", one);
@@ -275,6 +292,14 @@ PRESS_AGAIN: Final = """async () => {
   newPress(other);
   seen.push(line.textContent);
   newPress(one);
+  seen.push(line.textContent);
+  const executed = newPress(other);
+  refuse("refused", other, () => false);
+  await new Promise((next) => app.link.addEventListener("view", next, { once: true }));
+  seen.push(line.textContent);
+  app.notice("done", true, executed);
   return [...seen, line.textContent];
 }"""
-"""Script that refuses a press of a control, and then presses another control and the same one."""
+"""Script that refuses a press of a control, and then presses another control and the same one; refuses a press for a
+reason that ends at once; and shows that the control has executed the press before.
+"""

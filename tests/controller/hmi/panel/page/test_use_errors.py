@@ -11,10 +11,13 @@ from playwright.sync_api import Browser, CDPSession, Locator, expect
 
 from controller.hmi.panel.orders.replies import REPLIES
 from controller.hmi.panel.view import texts
+from controller.program.operator.commands import JOG_LEASE_MS, JOGGED
 from controller.program.states import State
 from controller.program.tags import IN_DOUBT, IN_PLACE, SIDES
 from controller.program.texts.operator import LANGUAGES
+from controller.program.texts.operator import SIDES as SIDE_TEXTS
 from tests.controller.hmi.panel.page.screen import (
+    AGAIN_MS,
     OUTPUT,
     PAGES,
     Screen,
@@ -31,6 +34,8 @@ OPPOSITE = "left.lift_extend"
 WRONG_ENTRIES = {"0.3": "50 to 2000", "300 ms": "number", "3,5": "comma", "3\uff0c5": "comma", "\uff13\uff10": "number"}
 """Entries for 300 ms in another unit, with a comma, and with full-width digits; and their refusals."""
 TEXTS = texts.TEXTS
+NOTICE_MS = 8_000
+"""Time for which a refusal is shown, ms."""
 KEEP_SENT = """
 window.sent = [];
 const send = WebSocket.prototype.send;
@@ -57,6 +62,9 @@ class Page(Screen):
     def sent(self) -> list[dict[str, object]]:
         """Orders in the sequence in which they were sent."""
         return [json.loads(order) for order in self.page.evaluate("window.sent")]
+
+    def clear_notice(self) -> None:
+        self.notice.evaluate("node => { node.textContent = ''; }")
 
     def forget_sent(self) -> None:
         self.page.evaluate("window.sent.length = 0")
@@ -115,7 +123,7 @@ def jog_of(page: Page, output: str) -> Locator:
 
 
 def test_the_wrong_arm_is_named_on_the_button_itself(station: Station, jogging: Page) -> None:
-    """In both languages; and only the arm of the button moves."""
+    """In both languages, and on the I/O page its output; and only the arm of the button moves."""
     live, page = station.live, jogging
     for language in LANGUAGES:
         page.select_language(language)
@@ -123,7 +131,16 @@ def test_the_wrong_arm_is_named_on_the_button_itself(station: Station, jogging: 
             names = page.find(f"main [data-jog^='{side}.']").all_text_contents()
             assert len(names) == 8
             assert all(name.startswith(getattr(TEXTS[side], language)) for name in names), names
+    page.open("io")
+    for language in LANGUAGES:
+        page.select_language(language)
+        names = page.find("main [data-jog]").all_text_contents()
+        assert len({*names}) == len(names) == len(JOGGED)
+        for side in SIDES:
+            named = page.find(f"main [data-jog^='{side}.']").all_text_contents()
+            assert all(getattr(SIDE_TEXTS[side], language) in name for name in named), named
     page.select_language("en")
+    page.open("manual")
     scans = len(live.levels)
     page.hold(jog_of(page, "right.lift_retract"))
     live.until(lambda: live.on("right.lift_retract"), "right arm up")
@@ -147,6 +164,13 @@ def test_hold_says_that_it_is_no_emergency_stop(at_rest: Page) -> None:
     assert "不是急停" in TEXTS["hold.about"].zh
 
 
+def test_hold_tells_after_the_press_that_it_is_no_emergency_stop(station: Station, jogging: Page) -> None:
+    jogging.open("overview")
+    jogging.press("[data-command=hold]")
+    expect(jogging.notice).to_have_text(f"✓ {TEXTS['hold.about'].en}")
+    station.live.until_state(State.HELD)
+
+
 def test_an_answer_by_habit_is_not_taken(station: Station, at_rest: Page) -> None:
     """A short press answers nothing, nor does one under which the question changes; a long press does."""
     live, page = station.live, at_rest
@@ -166,6 +190,15 @@ def test_an_answer_by_habit_is_not_taken(station: Station, at_rest: Page) -> Non
     page.page.mouse.up()
     plc.write(row, before)
     expect(page.find("[data-question]")).to_have_count(1)
+    page.clear_notice()
+    page.hold(answer)
+    plc.write(row, IN_PLACE if before != IN_PLACE else 0)  # of the stored rows that the answer is read against
+    expect(page.notice).to_have_text(f"✕ {TEXTS['answer.changed'].en}")
+    page.page.mouse.up()
+    plc.write(row, before)
+    discard = page.find("main section:not(:has([data-question])) [data-command=left_discard]")
+    discard.click()
+    expect(page.notice).to_have_text(f"✕ {TEXTS['answer.short'].en}")
     assert page.commands() == []
     assert plc.read(tray.ask)
     page.hold(answer)
@@ -204,10 +237,17 @@ def test_a_wet_touch_moves_nothing(station: Station, jogging: Page) -> None:
         if after == "touchStart":
             expect(page.notice).to_have_text(f"✕ {TEXTS['touch.two'].en}")
         touched(touch, "touchEnd", [])
+    touched(touch, "touchStart", [finger])
+    expect(page.notice).to_be_empty(timeout=NOTICE_MS / 2)
+    touched(touch, "touchEnd", [])
+    live.until(lambda: not live.on(OUTPUT), "released")
     page.forget_sent()
+    page.clear_notice()
     touched(touch, "touchStart", [water])
     touched(touch, "touchStart", [water, finger])
     expect(page.notice).to_have_text(f"✕ {TEXTS['touch.two'].en}")
+    held_from_ms = live.now_ms
+    live.until(lambda: live.now_ms > held_from_ms + JOG_LEASE_MS, "held")
     touched(touch, "touchEnd", [])
     assert page.sent == []
     touch.detach()
@@ -253,9 +293,35 @@ def test_a_double_tap_is_one_order_and_confirms_nothing(station: Station, at_res
     live.until_state(State.IDLE)
     expect_state(page, State.IDLE)
     assert page.commands() == ["reset"]
+    assert all(order["seen"] for order in page.sent), "the panel cannot tell how late they are"
     page.press("[data-command=stop]")
     live.until_state(State.STOPPED)
     live.runtime.plc.write(done, 0)
+
+
+HAMMER: Final = """async (name) => {
+  const { app } = await import("/static/app.js");
+  const order = app.link.order;
+  let orders = 0;
+  app.link.order = () => { orders += 1; return Promise.resolve({ ok: true, text: { en: "", zh: "" } }); };
+  const button = document.querySelector(`main [data-command=${name}]`);
+  for (const isPrimary of [true, true, false]) {
+    button.dispatchEvent(new PointerEvent("pointerdown", { isPrimary, button: 0 }));
+  }
+  app.link.order = order;
+  return orders;
+}"""
+"""Script that touches a button of the page three times in quick succession, once as a second finger, without lifting;
+returns the number of orders.
+"""
+
+
+@pytest.mark.parametrize(("page", "command"), [("overview", "abort"), ("manual", "stop")])
+def test_every_touch_on_a_button_that_halts_is_an_order(at_rest: Page, jogging: Page, page: str, command: str) -> None:
+    """The browser makes no tap of a touch that lasts, slides or is one of several."""
+    jogging.open(page)
+    expect(jogging.find(f"main [data-command={command}]")).not_to_have_attribute("aria-disabled", "true")
+    assert jogging.page.evaluate(HAMMER, command) == 3
 
 
 TAP: Final = """async ([halts, reasons]) => {
@@ -265,9 +331,10 @@ TAP: Final = """async ([halts, reasons]) => {
   let orders = 0;
   app.link.order = () => { orders += 1; return Promise.resolve({ ok: true, text: { en: "", zh: "" } }); };
   const button = new OrderButton("order", { type: "command", command: "abort" }, { halts });
-  reasons.forEach((why, index) => {
+  reasons.forEach((why) => {
     button.why = why;
-    button.button.dispatchEvent(new MouseEvent("click", { detail: index + 1 }));
+    button.button.dispatchEvent(new PointerEvent("pointerdown", { button: 0 }));
+    button.button.dispatchEvent(new MouseEvent("click", { detail: 1 }));
   });
   app.link.order = order;
   return orders;
@@ -284,6 +351,22 @@ def test_hammering_a_button_halts_with_every_tap_and_orders_anything_else_once(
 ) -> None:
     """A tap that was refused does not use up the ones after it."""
     assert shared.page.evaluate(TAP, [halts, reasons]) == orders
+
+
+def test_a_key_that_is_held_is_one_press(at_rest: Page) -> None:
+    """The browser repeats the key; neither an order is repeated nor a question confirmed."""
+    keyboard = at_rest.page.keyboard
+    for command in ("count_reset", "mode_step"):
+        at_rest.find(f"[data-command={command}]").focus()
+        keyboard.down("Enter")
+        at_rest.page.wait_for_timeout(AGAIN_MS)  # longer than a double tap
+        for _ in range(4):
+            keyboard.down("Enter")
+        keyboard.up("Enter")
+    expect(at_rest.find("[data-command=mode_step]")).to_have_attribute("aria-pressed", "true")
+    assert at_rest.commands() == ["mode_step"]
+    at_rest.press("[data-command=mode_continuous]")
+    expect(at_rest.find("[data-command=mode_continuous]")).to_have_attribute("aria-pressed", "true")
 
 
 def test_a_jog_ends_with_its_page(station: Station, jogging: Page) -> None:
