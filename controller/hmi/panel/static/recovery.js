@@ -42,11 +42,11 @@ export class RecoveryPage {
     this.facts.write("reason", reasonText(machine));
     this.facts.write("refusal", sentence(localized(machine.refusal)) || t("none"));
     const { open } = view.questions;
-    const tray = open.includes(TRAY) ? [view.tray.edge, view.tray.phase, storedRows(view)] : []; // what the operator answers for
+    const tray = open.includes(TRAY) ? [view.tray.edge, view.tray.phase, ...Object.values(storedRows(view))] : []; // what the operator answers for
     const key = [...open, ...tray].join();
     if (key !== this.open) this.#ask(open);
     this.open = key;
-    write(this.stored, t("recovery.stored_tray", { rows: storedRows(view) }));
+    write(this.stored, t("recovery.stored_tray", storedRows(view)));
     [...this.ways, ...this.discards, ...this.rows, ...this.service, ...this.answers].forEach((button) => button.update());
   }
 
@@ -71,10 +71,10 @@ function reasonText(machine) {
   return sentence(localized(app.alarms.get(machine.first_out)?.text ?? app.describe.reasons[machine.reason])) || t("none");
 }
 
-/** Return the rows of the tray as the controller remembers them, to compare with the tray that lies there. */
+/** Return the rows of the tray as the controller remembers them, by side, to compare with the tray that lies there. */
 function storedRows(view) {
-  return Object.entries(view.arms).map(([side, arm]) => labelled(t(side),
-    list(Object.entries(arm.rows).map(([row, state]) => `${row} ${t(`row.${state}`)}`)))).join("; ");
+  return Object.fromEntries(Object.entries(view.arms).map(([side, arm]) => [side, labelled(t(side),
+    list(Object.entries(arm.rows).map(([row, state]) => `${row} ${t(`row.${state}`)}`)))]));
 }
 
 /** Return the names of the commands of a group. */

@@ -312,8 +312,8 @@ _HANDS: Final = {
         "下次回原点时在苗杯上方张开夹爪，不论苗杯中是否有苗。请先检查苗杯。",
     ),
     "recovery.stored_tray": Text(
-        "Stored tray: {rows}. The same tray only if the rows that lie there are these.",
-        "存储的苗盘：{rows}。实际苗行与此一致才是原苗盘。",
+        "Stored tray: {left}; {right}. The same tray only if the rows that lie there are these.",
+        "存储的苗盘：{left}；{right}。实际苗行与此一致才是原苗盘。",
     ),
     "recovery.free": Text("Available", "可用"),
     "recovery.last_refusal": Text("Last refusal", "最近一次拒绝"),

@@ -29,6 +29,7 @@ from tests.controller.hmi.panel.page.screen import (
     started,
     until_renewed,
 )
+from tests.controller.hmi.panel.test_chinese import punctuation_errors
 
 OPPOSITE = "left.lift_extend"
 WRONG_ENTRIES = {"0.3": "50 to 2000", "300 ms": "number", "3,5": "comma", "3\uff0c5": "comma", "\uff13\uff10": "number"}
@@ -271,6 +272,9 @@ def test_the_question_about_the_tray_shows_what_is_stored(station: Station, at_r
         plc.write(row, state)
         expect(stored).to_contain_text(f"3 {TEXTS[f'row.{state}'].en}.")
         expect(stored).to_contain_text("The same tray only if")
+    page.select_language("zh")
+    assert punctuation_errors(stored.text_content() or "") == []
+    page.select_language("en")
     press_unavailable(page.find("[data-command=tray_same]"))
     expect(page.notice).to_contain_text("Cannot")
     assert page.commands() == []
