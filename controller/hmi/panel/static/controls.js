@@ -215,7 +215,7 @@ export class HoldButton {
 export function jogButton(label, output, data = {}, told = () => {}) {
   let first = null;
   let renewal = null;
-  let press = 0;
+  let press = null;
   const send = async (button, hold) => {
     const own = press;
     const reply = await app.link.order({ type: "jog", output, hold });
@@ -262,7 +262,7 @@ function tooShort(reason, press) {
 export class AnswerButton {
   constructor(label, command) {
     this.answering = null;
-    this.press = 0;
+    this.press = null;
     this.hold = new HoldButton(label, {
       command, alone: true, kind: "order", data: { "data-command": command },
       begin: (button) => {
@@ -299,7 +299,7 @@ export class AnswerButton {
 /** Return a button of the operator box: pressed while held, but at least for the minimum press time. */
 export function boxButton(label, name) {
   let pressedAt = 0;
-  let press = 0;
+  let press = null;
   return new HoldButton(label, {
     data: { "data-box": name },
     begin: (button) => {

@@ -17,8 +17,8 @@ from controller.hmi.panel.view.texts import TEXTS
 from controller.program.states import State
 from controller.program.texts.operator import STATES
 from scripts.foreign_files import WEIGHTS, characters
-from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
-from tests.controller.hmi.panel.page.screen import Screen, chromium
+from tests.controller.hmi.panel.page.panel_page_rig import PanelProcess
+from tests.controller.hmi.panel.page.screen import Screen, Station, chromium
 from tests.paths import ROOT
 
 FONTS: Final = """<?xml version="1.0"?>
@@ -60,22 +60,9 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveMachine]:
-    """Yield a machine in the Stopped state; no test moves it."""
-    with LiveMachine(tmp_path_factory.mktemp("machine")) as machine:
-        yield machine
-
-
-@pytest.fixture(scope="module")
-def panel(live: LiveMachine, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
-    with PanelProcess(live, tmp_path_factory.mktemp("panel")) as process:
-        yield process
-
-
-@pytest.fixture(scope="module")
-def chinese(panel: PanelProcess, browser: Browser) -> Iterator[Screen]:
+def chinese(stopped: Station, browser: Browser) -> Iterator[Screen]:
     """Yield the first page in a Chinese browser."""
-    with Screen(browser, panel.url, locale="zh-CN") as screen:
+    with Screen(browser, stopped.panel.url, locale="zh-CN") as screen:
         expect_language(screen, "zh")
         yield screen
 
@@ -94,26 +81,24 @@ def visited(browser: Browser, panel: PanelProcess, locale: str) -> Iterator[Scre
 
 @pytest.mark.parametrize(("locale", "language"), [("zh-CN", "zh"), ("zh-Hant-TW", "zh"), ("en-GB", "en"), ("de", "en")])
 def test_the_language_of_the_browser_is_that_of_the_first_visit(
-    panel: PanelProcess, browser: Browser, locale: str, language: str
+    stopped: Station, browser: Browser, locale: str, language: str
 ) -> None:
-    with visited(browser, panel, locale) as screen:
+    with visited(browser, stopped.panel, locale) as screen:
         expect_language(screen, language)
         assert screen.page.evaluate("() => window.localStorage.length") == 0, "nothing has been selected"
 
 
-def test_a_selected_language_outlives_the_language_of_the_browser(panel: PanelProcess, browser: Browser) -> None:
-    with visited(browser, panel, "zh-CN") as screen:
+def test_a_selected_language_outlives_the_language_of_the_browser(stopped: Station, browser: Browser) -> None:
+    with visited(browser, stopped.panel, "zh-CN") as screen:
         screen.find("[data-action=language]").select_option("en")
         expect_language(screen, "en")
         screen.page.reload()
         expect_language(screen, "en")
 
 
-def test_the_option_sets_the_language_until_one_is_selected(
-    live: LiveMachine, browser: Browser, tmp_path: Path
-) -> None:
+def test_the_option_sets_the_language_until_one_is_selected(stopped: Station, browser: Browser, tmp_path: Path) -> None:
     with (
-        PanelProcess(live, tmp_path, "--language", "zh") as panel,
+        PanelProcess(stopped.live, tmp_path, "--language", "zh") as panel,
         visited(browser, panel, "en-GB") as screen,
     ):
         expect_language(screen, "zh")
@@ -161,8 +146,10 @@ def test_chinese_is_drawn_with_the_font_of_the_page_and_all_else_with_those_of_t
     chinese.open("overview")
 
 
-def test_a_chart_ends_at_0_s_and_has_no_negative_clamp_force(live: LiveMachine, chinese: Screen) -> None:
-    forces = live.plant.call(lambda: [arm.claws.clamp_n for arm in live.plant.server.module.plant.arms.values()])
+def test_a_chart_ends_at_0_s_and_has_no_negative_clamp_force(stopped: Station, chinese: Screen) -> None:
+    forces = stopped.live.plant.call(
+        lambda: [arm.claws.clamp_n for arm in stopped.live.plant.server.module.plant.arms.values()]
+    )
     assert max(forces) < -1.0, "the claws are held open"
     chinese.open("trends")
     chart = chinese.find(".chart").filter(has_text=TEXTS["trends.clamp"].zh)

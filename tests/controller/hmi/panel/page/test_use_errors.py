@@ -321,7 +321,7 @@ returns the number of orders.
 
 
 @pytest.mark.parametrize(("page", "command"), [("overview", "abort"), ("manual", "stop")])
-def test_every_touch_on_a_button_that_halts_is_an_order(at_rest: Page, jogging: Page, page: str, command: str) -> None:
+def test_every_touch_on_a_button_that_halts_is_an_order(jogging: Page, page: str, command: str) -> None:
     """The browser makes no tap of a touch that lasts, slides or is one of several."""
     jogging.open(page)
     expect(jogging.find(f"main [data-command={command}]")).not_to_have_attribute("aria-disabled", "true")
