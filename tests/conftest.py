@@ -17,7 +17,7 @@ from controller.program.tags import SIDES
 from plant_sim.twin.lock_step import Twin
 from tests.paths import ROOT
 from tests.real_time import ProcessWatch
-from tests.sampling import NIGHTLY
+from tests.sampling import DEFAULT, NIGHTLY
 
 GC_ALLOCATIONS: Final = 50_000
 """Allocations between garbage collections; the default of 700 takes 8 % of the time of a run."""
@@ -44,8 +44,8 @@ def pytest_configure(config: pytest.Config) -> None:
     gc.set_threshold(GC_ALLOCATIONS)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # inherited from a shell without job control
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    if NIGHTLY in config.option.markexpr and f"not {NIGHTLY}" not in config.option.markexpr:
-        settings.load_profile(NIGHTLY)
+    by_night = NIGHTLY in config.option.markexpr and f"not {NIGHTLY}" not in config.option.markexpr
+    settings.load_profile(NIGHTLY if by_night else DEFAULT)
     config.pluginmanager.register(ProcessWatch())
     if not hasattr(config, "workerinput"):
         assert Twin().plant.x

@@ -13,7 +13,10 @@ WEEKLY: Final = "weekly"
 """Mark of the tests of a week."""
 MORE_EXAMPLES: Final = "more_examples"
 """Mark of the tests by default that are repeated every night with more Hypothesis examples."""
-settings.register_profile(NIGHTLY)
+DEFAULT: Final = "by default"
+"""Name of the Hypothesis profile of the tests by default."""
+for profile in (DEFAULT, NIGHTLY):
+    settings.register_profile(profile, deadline=None)  # an example takes longer on a busy computer
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -35,7 +38,7 @@ def one_in(every: int, values: Iterable[object]) -> list[ParameterSet]:
 
 
 def examples(count: int, nightly: int, **others: Any) -> Callable[[Function], Function]:
-    """Return a decorator that sets the number of Hypothesis examples of a test, without a deadline.
+    """Return a decorator that sets the number of Hypothesis examples of a test.
 
     Args:
         count: Number of examples by default.
@@ -43,7 +46,7 @@ def examples(count: int, nightly: int, **others: Any) -> Callable[[Function], Fu
         others: Further settings of Hypothesis.
     """
     by_night = settings.get_current_profile_name() == NIGHTLY
-    chosen = settings(deadline=None, max_examples=nightly if by_night else count, **others)
+    chosen = settings(max_examples=nightly if by_night else count, **others)
 
     def set_up(function: Function) -> Function:
         return getattr(pytest.mark, MORE_EXAMPLES)(chosen(function))  # type: ignore[no-any-return]

@@ -24,6 +24,8 @@ from controller.history.query import HistoryReader
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.telemetry import Telemetry, load_tags
 from controller.hmi.panel.orders.login import Users, is_loopback
+from controller.hmi.panel.view.trend_file import TrendFile
+from controller.hmi.panel.view.trends import MOST_PERIODS
 from controller.hmi.panel.web.app import PanelApplication, Sources, application
 from controller.program.texts.operator import LANGUAGES
 
@@ -52,6 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=Path("var/history.sqlite"),
         help="history written by the controller; the file may be missing",
+    )
+    parser.add_argument(
+        "--trends",
+        type=Path,
+        default=Path("var/panel-trends.sqlite"),
+        help="file of the trends of the last 24 h, written once a minute",
     )
     parser.add_argument("--host", default="127.0.0.1", help="address of the web server")
     parser.add_argument("--port", type=int, default=8080, help="port of the web server; 0 = any free port")
@@ -93,7 +101,9 @@ def run(options: argparse.Namespace) -> int:
     telemetry = None
     if tags is not None:
         telemetry = Telemetry(_connection("--telemetry", options.telemetry)(), tags, clock)
-    sources = Sources(machine, connect, telemetry, HistoryReader(options.history), clock, options.language)
+    history = HistoryReader(options.history)
+    trends = TrendFile(options.trends, MOST_PERIODS)
+    sources = Sources(machine, connect, telemetry, history, clock, options.language, trends)
     with _listening(options.host, options.port) as listener:
         asyncio.run(_serve(sources, users, listener, options))
     return 0

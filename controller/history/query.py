@@ -11,8 +11,9 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from controller.history.schema import JSON_COLUMNS, TABLES, HistoryError, check_schema
 from controller.program.tags import Side
@@ -25,6 +26,8 @@ MAX_ROWS: Final = 1_000
 """Maximum number of rows in one answer to a panel."""
 PAGE_ROWS: Final = 1_000
 """Number of rows per page of an export."""
+MAX_CYCLES: Final = 20_000
+"""Maximum number of cycles in one answer with the times of cycles."""
 _LARGEST: Final = 2**63 - 1
 """Largest integer in SQLite."""
 
@@ -46,6 +49,22 @@ class RowSelection:
     def contains(self, utc_ms: int) -> bool:
         """Return True if a wall-clock time is within the interval."""
         return (self.since_ms is None or utc_ms >= self.since_ms) and (self.until_ms is None or utc_ms < self.until_ms)
+
+
+class CycleTimes(NamedTuple):
+    """Times of a cycle.
+
+    Attributes:
+        utc_ms: End of the cycle, ms since 1970 UTC.
+        side: Arm.
+        cycle_ms: Time of the cycle, ms.
+        waiting_ms: Part of this time spent waiting for cups, ms.
+    """
+
+    utc_ms: int
+    side: str
+    cycle_ms: int
+    waiting_ms: int
 
 
 @contextmanager
@@ -175,6 +194,23 @@ class HistoryReader:
         """Return the last cycle of an arm with `edges` as a list of [ms, device, level]; None if there is none."""
         rows = self._read("cycles", "side = :side ORDER BY id DESC LIMIT 1", {"side": side})
         return rows[0] if rows else None
+
+    def cycle_times(self, since_ms: int, until_ms: int) -> list[CycleTimes]:
+        """Return the times of the cycles that ended within an interval, in chronological order.
+
+        The newest rows are read until one is older than the interval, because the tables have no index of times. Rows
+        that were written before the wall clock was set back end the answer.
+
+        Args:
+            since_ms: Start of the interval, ms since 1970 UTC, inclusive.
+            until_ms: End of the interval, ms since 1970 UTC, exclusive.
+        """
+        query = "SELECT utc_ms, side, cycle_ms, waiting_ms FROM cycles ORDER BY id DESC LIMIT ?"
+        with suppress(HistoryError), open_history(self._path) as db:
+            newest = (CycleTimes(*row) for row in db.execute(query, (MAX_CYCLES,)))
+            cycles = [row for row in takewhile(lambda row: row.utc_ms >= since_ms, newest) if row.utc_ms < until_ms]
+            return sorted(cycles, key=lambda row: row.utc_ms)
+        return []
 
     def _newest(self, table: str, last: int, before_id: int | None) -> list[Record]:
         before = _LARGEST if before_id is None else max(0, min(before_id, _LARGEST))

@@ -230,6 +230,8 @@ def _panel(stack: ExitStack, folder: Path, plant_port: int, hmi_port: int) -> st
         f"127.0.0.1:{hmi_port}",
         "--history",
         str(folder / "history.sqlite"),
+        "--trends",
+        str(folder / "panel-trends.sqlite"),
         "--telemetry",
         f"127.0.0.1:{plant_port}",
         "--telemetry-tags",

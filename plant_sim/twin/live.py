@@ -154,7 +154,7 @@ def _control(o: LiveOptions, common: Sequence[str], folder: Path) -> list[str]:
 def _panel(o: LiveOptions, folder: Path, port: int, hmi_port: int) -> list[str]:
     """Return the command line of the panel."""
     tags = folder / "plant-tags.csv"
-    tags.write_text(tag_csv(), encoding="utf-8")
+    tags.write_text(tag_csv(load_machine(o.machine)), encoding="utf-8")
     return [
         "controller",
         "panel",
@@ -168,6 +168,8 @@ def _panel(o: LiveOptions, folder: Path, port: int, hmi_port: int) -> list[str]:
         f"127.0.0.1:{hmi_port}",
         "--history",
         str(folder / "history.sqlite"),
+        "--trends",
+        str(folder / "panel-trends.sqlite"),
         "--telemetry",
         f"{o.host}:{o.port}",
         "--telemetry-tags",

@@ -35,9 +35,8 @@ _NEXT_PRESSES: Final = {
         "先断电断气并上锁再取走苗盘。是否按满盘处理？按 X0 2 秒后松开：是；否则请取走",
     ),
     13: Text(
-        "Isolate first to push a tray. Is there no tray at the pick position? Press X24 for 2 s to feed one; otherwise "
-        "push it under the sensor",
-        "先断电断气并上锁再推动苗盘。取苗位没有苗盘？按 X24 2 秒后松开送入新盘；若有苗盘，请推到传感器下",
+        "Isolate first to push a tray. Is there none? Press X24 for 2 s: feed one; otherwise push it to the sensor",
+        "先断电断气并上锁再推苗盘。取苗位无盘？按 X24 2 秒后松开送盘；若有，推到传感器下",
     ),
     14: Text(
         "Are the cups under the claws empty? Press X0 for 2 s: yes; otherwise wait for twelve cups",

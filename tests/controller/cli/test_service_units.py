@@ -26,7 +26,9 @@ from tests.paths import DOCS
 from tests.real_time import LOCK_STEP, SIMULATED, WAIT_S
 
 FOLDER = DOCS / "examples" / "systemd"
-UNITS = sorted(path.name for path in FOLDER.glob("*.service"))
+KIOSK = "transplanter-kiosk.service"
+"""Unit of the screen, which starts programs of the system only."""
+UNITS = sorted(path.name for path in FOLDER.glob("*.service") if path.name != KIOSK)
 LINES = {"transplanter-controller": CONTROLLER, "transplanter-plant": PLANT}
 PREFIX = "/opt/transplanter"
 
@@ -162,7 +164,16 @@ def test_the_watchdog_of_the_controller_allows_several_missing_messages() -> Non
     assert int(service["WatchdogSec"]) * 1_000 >= 4 * ALIVE_MS
 
 
-@pytest.mark.parametrize("name", UNITS)
+def test_the_screen_waits_for_the_panel_and_is_always_restarted() -> None:
+    service = unit(KIOSK)["Service"]
+    panel = "http://127.0.0.1:8080"
+    assert shlex.split(service["ExecStart"])[-1] == panel
+    assert shlex.split(service["ExecStartPre"])[-1] == f"{panel}/api/me"
+    assert service["Restart"] == "always"
+    assert unit(KIOSK)["Unit"]["StartLimitIntervalSec"] == "0"
+
+
+@pytest.mark.parametrize("name", [*UNITS, KIOSK])
 def test_systemd_accepts_the_unit(name: str, tmp_path: Path) -> None:
     """Every directive has a section and a name that systemd knows; where systemd is installed, it checks the values."""
     assert unit(name).sections() == ["Unit", "Service", "Install"]
@@ -171,11 +182,12 @@ def test_systemd_accepts_the_unit(name: str, tmp_path: Path) -> None:
         return
     binaries = tmp_path / "bin"
     binaries.mkdir()
-    for script in LINES:
+    for script in (*LINES, "cage", "curl"):
         (binaries / script).write_text("#!/bin/sh\n", encoding="utf-8")
         (binaries / script).chmod(0o755)
-    for each in UNITS:
+    for each in [*UNITS, KIOSK]:
         text = (FOLDER / each).read_text(encoding="utf-8").replace(PREFIX, str(tmp_path))
+        text = text.replace("/usr/bin/cage", f"{binaries}/cage").replace("/usr/bin/curl", f"{binaries}/curl")
         (tmp_path / each).write_text(text, encoding="utf-8")
     done = subprocess.run(
         [analyze, "verify", "--man=no", str(tmp_path / name)], capture_output=True, text=True, check=False

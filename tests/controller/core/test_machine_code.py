@@ -72,7 +72,7 @@ def check_arbitrary_program(items: list[Rung | Sequence], story: list[Scanned]) 
 
 
 @pytest.mark.usefixtures("uncached")
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(programs(), STIMULI)
 def test_arbitrary_programs_have_equal_devices_after_every_scan(
     items: list[Rung | Sequence], story: list[Scanned]
@@ -83,7 +83,7 @@ def test_arbitrary_programs_have_equal_devices_after_every_scan(
 @pytest.mark.nightly
 @pytest.mark.timeout(1_800)
 @pytest.mark.usefixtures("uncached")
-@settings(deadline=None, max_examples=3_000)
+@settings(max_examples=3_000)
 @given(programs(), STIMULI)
 def test_thousands_of_arbitrary_programs(items: list[Rung | Sequence], story: list[Scanned]) -> None:
     check_arbitrary_program(items, story)

@@ -155,7 +155,7 @@ def test_the_retentive_image_changes_with_every_retentive_device() -> None:
 # ---- the file -------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.dictionaries(st.text(max_size=8), st.integers(-(2**31), 2**31 - 1), max_size=20))
 def test_saved_values_are_loaded(tmp_path_factory: pytest.TempPathFactory, values: dict[str, int]) -> None:
     store = FileStore(tmp_path_factory.getbasetemp() / "round trip.json")

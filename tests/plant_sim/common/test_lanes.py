@@ -26,7 +26,7 @@ compiled_combined = compiled_and_cached(combined)
 numbers = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -0.0, 0.25, 1.0, float("inf"), float("nan")])
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(numbers, numbers, numbers, numbers)
 def test_compiled_lanes_are_bit_identical_to_arrays(a: float, b: float, c: float, d: float) -> None:
     with np.errstate(all="ignore"):

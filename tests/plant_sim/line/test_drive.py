@@ -102,7 +102,7 @@ def test_the_motor_runs_on_when_the_tractor_stops() -> None:
     assert np.isinf(drive.per_m_at(stop_s + 1.0))
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(stretches, st.floats(0.02, 5.0), st.booleans())
 def test_the_inverse_of_a_drive_returns_its_cycles(each: list[Stretch], lag_s: float, is_motor: bool) -> None:
     ground = ground_of(*each, length_m=40.0)

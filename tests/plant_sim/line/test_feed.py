@@ -45,7 +45,7 @@ def test_gaps_and_dropped_blocks_have_their_shares() -> None:
     assert gaps + dropped + fed.seedlings.sum() == number
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(st.lists(st.floats(0.1, 3.0), min_size=1, max_size=60), st.floats(20.0, 200.0))
 def test_no_block_is_offered_before_the_feeding_interval(intervals_s: list[float], per_min: float) -> None:
     times_s = np.cumsum(intervals_s)

@@ -46,7 +46,7 @@ def test_the_travel_is_the_integral_of_the_speed() -> None:
     assert np.abs(ground.travel_at(time_s) - integral_m).max() < 1e-5
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(stretches)
 def test_the_inverse_returns_the_earliest_time_of_a_travel(each: list[Stretch]) -> None:
     ground = profile(*each, length_m=50.0)

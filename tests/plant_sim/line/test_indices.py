@@ -88,7 +88,7 @@ def test_a_row_without_spacings_has_no_indices() -> None:
     assert indices.multiple.record()["percent"] is None
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(st.lists(st.floats(0.0, 3.0), min_size=2, max_size=50))
 def test_every_spacing_is_in_exactly_one_index(spacings_m: list[float]) -> None:
     indices = spacing_indices([np.cumsum(spacings_m)], 0.4)

@@ -276,7 +276,7 @@ def test_a_plug_in_the_window_of_the_next_planter_makes_a_double() -> None:
     assert set(transport.cause[1::2].tolist()) == {Missing.NONE}
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(
     stretches,
     st.booleans(),

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from plant_sim.crop.incident import Incident
 from plant_sim.crop.planting_row import PassedCup
 from plant_sim.crop.seedling import Location
+from plant_sim.links.tag_file import tag_csv
 from plant_sim.links.telemetry import TELEMETRY, TELEMETRY_REGISTERS, read_telemetry, telemetry_table
 from plant_sim.links.write_timing import PlcState
 from plant_sim.machine.plant import Event
-from tests.controller.common.modbus_rig import Client, Rig, read_raw_registers, read_registers
+from tests.controller.common.modbus_rig import MACHINE, Client, Rig, read_raw_registers, read_registers
 
 CUPS = (
     (1, None),
@@ -194,3 +198,14 @@ def test_the_documentation_table_has_a_row_for_every_value() -> None:
     assert [len(row) for row in rows] == [len(heading)] * len(TELEMETRY)
     assert rows[0] == ("0", "2", "time_ms", "1", "plant time")
     assert rows[14] == ("15", "1", "left.claw_deg", "0.1, signed", "left finger angle, positive when open")
+
+
+def test_the_limits_of_the_tag_file_are_those_of_the_machine() -> None:
+    machine = replace(MACHINE, supply=replace(MACHINE.supply, pressure_ok_pa=0.45e6, pressure_ok_gap_pa=0.03e6))
+    low = {tag["name"]: tag["low"] for tag in csv.DictReader(io.StringIO(tag_csv(machine))) if tag["low"]}
+    assert low == {
+        "main_pressure_kpa": "420",
+        "claw_pressure_kpa": f"{machine.rating.claws_least_pa / 1e3:g}",
+        "left.clamp_n": f"{machine.claws.holds_above_n:g}",
+        "right.clamp_n": f"{machine.claws.holds_above_n:g}",
+    }

@@ -39,7 +39,7 @@ def test_the_velocity_is_the_derivative_of_the_position(
     assert np.abs(velocity_errors_m_s(motion_at(1.4, model), segment, offset)).max() < 1e-6
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(motions(CONTINUOUS))
 def test_the_velocity_of_any_motion_is_the_derivative_of_its_position(motion: Motion) -> None:
     for segment in PathSegment:
@@ -89,7 +89,7 @@ def test_the_vertical_speed_of_the_tip_jumps_by_l_omega_at_every_joint(model: Mo
         assert joint.velocity_jump_m_s == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(motions((MotionModel.RIGID,)))
 def test_the_rigid_motion_is_continuous(motion: Motion) -> None:
     for joint in motion.joints():
@@ -107,7 +107,7 @@ def test_the_jumps_are_those_of_positions_and_velocities_around_a_joint() -> Non
             assert velocity_m_s[0, 1] - velocity_m_s[0, 0] == pytest.approx(joint.velocity_jump_m_s, abs=1e-7)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(motions((MotionModel.RIGID,)))
 def test_every_point_of_a_rigid_planter_moves_with_the_hinge(motion: Motion) -> None:
     times_s = np.linspace(-motion.period_s, 2 * motion.period_s, 61)
@@ -116,7 +116,7 @@ def test_every_point_of_a_rigid_planter_moves_with_the_hinge(motion: Motion) -> 
     assert (motion.velocity_m_s(times_s, motion.chain.tip) == motion.velocity_m_s(times_s)).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(motions((MotionModel.RIGID, MotionModel.CORRECTED)))
 def test_the_hinge_moves_along_the_chain_at_constant_speed(motion: Motion) -> None:
     """The distance of the hinge from the line between the sprocket centres is R, and its speed is that of the chain."""
@@ -141,7 +141,7 @@ def test_the_planter_goes_up_behind_and_down_in_front() -> None:
     np.testing.assert_allclose(motion.velocity_m_s(middles_s)[0], expected_m_s, atol=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(motions())
 def test_the_planters_follow_one_another_at_equal_spacing(motion: Motion) -> None:
     """One planting interval later and one spacing farther, planter k + 1 is where planter k was."""

@@ -63,7 +63,7 @@ def test_the_printed_velocity_has_no_point_of_zero_speed() -> None:
         assert len(zero_speed_points(motion)) == len(zero_speed_times_s(motion)) == 0
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(motions())
 def test_analysis_and_root_finding_agree(motion: Motion) -> None:
     for offset in ((0.0, 0.0), motion.chain.tip, motion.chain.guide):
@@ -112,7 +112,7 @@ def clearance_m(motion: Motion, release_s: float, after_s: float) -> float:
     return float(tip_m - block_m)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(motions((MotionModel.CORRECTED, MotionModel.RIGID)), st.floats(0.0, 1.0))
 def test_the_block_is_free_after_the_separation_time_and_not_before(motion: Motion, share: float) -> None:
     release_s = share * motion.period_s

@@ -105,7 +105,7 @@ def test_both_implementations_agree_under_random_coils(seed: int, step_s: float,
         twin.run(int(steps), random_coils(rng), fed=bool(rng.random() > 1 / 6))
 
 
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=8, derandomize=True)
 @given(
     segments=st.lists(
         st.tuples(st.integers(1, 25), st.tuples(*[st.booleans()] * 6), st.booleans()), min_size=1, max_size=6

@@ -97,7 +97,7 @@ def ideal_flow(up_pa: float, down_pa: float, conductance: float, critical: float
     return conductance * up_pa * math.sqrt(1 - past**2)
 
 
-@settings(deadline=None, derandomize=True, max_examples=300)
+@settings(derandomize=True, max_examples=300)
 @given(
     wider=st.floats(-1.5, 1.5).map(lambda decades: 10**decades),
     ratios=st.tuples(st.floats(0.05, 0.6), st.floats(0.05, 0.6)),
@@ -125,7 +125,7 @@ def test_the_order_of_restrictions_in_series_matters() -> None:
     assert nozzles_in_series(1e-6, 0.3, 1e-15, 0.4) == (1e-15, 0.4)
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(
     up_pa=st.floats(5e4, 1e6),
     ratios=st.tuples(*(st.sampled_from([0.0, 0.3, 0.99, 1.0]) | st.floats(0.0, 1.0) for _ in range(4))),
@@ -140,7 +140,7 @@ def test_four_flows_are_bit_identical_to_single_ones(
     assert results.tobytes() == np.array(single).tobytes()
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(
     up_pa=st.floats(5e4, 1e6),
     ratio=st.floats(0.0, 1.0),
@@ -275,7 +275,7 @@ def test_exchange_conserves_mass_and_energy() -> None:
     assert chambers[0]["pressure_pa"] == pytest.approx(chambers[1]["pressure_pa"], rel=1e-3)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(
     volume_m3=st.floats(1e-6, 1e-3),
     conductance_m3_s_pa=st.sampled_from([1e-9, 1e-8, 1e-7, 1e-6]),

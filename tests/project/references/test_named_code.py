@@ -38,8 +38,14 @@ READERS: Final = re.compile(r".*/(?:test_)?my_\w+\.\w+")
 """File that the reader of a guide creates."""
 METRIC: Final = re.compile(r"transplanter_(\w+?)(?:_total)?")
 """Metric of the web panel; prefix and suffix are added to its name in the source."""
-SYSTEM_NAMES: Final = {"sched_rt_runtime_us", "SupplementaryGroups"}
-"""Names of Linux and systemd."""
+SYSTEM_NAMES: Final = {
+    "PasswordManagerEnabled",
+    "SupplementaryGroups",
+    "TranslateEnabled",
+    "XCURSOR_THEME",
+    "sched_rt_runtime_us",
+}
+"""Names of Linux, systemd and the browser."""
 OTHER_PROGRAMS: Final = (".venv/bin/pytest ", "journalctl ", "python -m mkdocs ")
 """Beginnings of commands of other programs, whose options are their own."""
 
@@ -140,7 +146,8 @@ def test_every_path_on_a_page_exists() -> None:
 
 
 def test_every_long_option_on_a_page_exists() -> None:
-    known = options()
+    units = (path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("examples/systemd/*.service"))
+    known = {*options(), *OPTION.findall("\n".join(units))}
     found = [
         (page, option)
         for page, span in spans()

@@ -49,7 +49,7 @@ def blocks(io_map: IoMap) -> tuple[ReadBlock, ...]:
         ReadBlock("Y", 0, io_map.output_count),
         ReadBlock("M", 0, 1064),
         ReadBlock("S", 0, 1000),
-        ReadBlock("D", 100, 20),
+        ReadBlock("D", 100, 50),
         ReadBlock("D", 512, 60),
         ReadBlock("CN", 0, 4),
     )

@@ -2,7 +2,8 @@
 
 A CSV file defines the tags; if no file is specified, the page shows no telemetry. Columns: `name` (its suffix is the
 unit), `table` (holding, input, coil, discrete), `address`, `words` (1, or 2 with the high word first), `scale` (value
-of one count), `signed`, `none` (all bits set means "no value"), `writable`, `meaning`.
+of one count), `signed`, `none` (all bits set means "no value"), `writable`, `low` and `high` (limits outside of which
+the value is abnormal, in its unit; empty = none), `meaning`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from controller.common.errors import InputError
 from controller.core.clock import Clock
@@ -46,6 +47,8 @@ class TelemetryTag(BaseModel):
     signed: bool = False
     none: bool = False
     writable: bool = False
+    low: FiniteFloat | None = None
+    high: FiniteFloat | None = None
     meaning: str = ""
 
     @property

@@ -43,6 +43,17 @@ class AccessLevel(IntEnum):
     MAINTAIN = 3
 
 
+HALTING: Final = ("stop", "hold", "abort")
+"""Commands that halt the machine: they are never asked about, too late or too many."""
+FOR_EVERYONE: Final = ("stop", "hold")
+"""Commands that halt it in an orderly way: whoever may see the machine may give them."""
+
+
+def command_level(command: str) -> AccessLevel:
+    """Return the lowest access level at which a command is executed."""
+    return AccessLevel.VIEW if command in FOR_EVERYONE else AccessLevel.OPERATE
+
+
 class UsersFileError(InputError):
     """Raised for an invalid or unsafe users file; the message is one line with the remedy."""
 

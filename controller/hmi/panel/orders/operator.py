@@ -24,7 +24,7 @@ from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders import messages
 from controller.hmi.panel.orders.jog import Jogging
 from controller.hmi.panel.orders.jog_reasons import foreseen_obstacle
-from controller.hmi.panel.orders.login import AccessLevel
+from controller.hmi.panel.orders.login import AccessLevel, command_level
 from controller.hmi.panel.orders.replies import level_text, reply_text
 from controller.hmi.panel.orders.session import (
     MOMENTARY,
@@ -52,7 +52,7 @@ MINUTE_MS: Final = 60_000
 HOUR_MS: Final = 3_600_000
 
 REQUIRED_LEVELS: Final = {"jog": AccessLevel.MAINTAIN, "force": AccessLevel.MAINTAIN}
-"""Required level by order type; all other types require OPERATE."""
+"""Required level by order type; all other types require OPERATE, and commands that of `command_level`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class OrderHandler:
     async def execute(self, order: messages.Order, session: BrowserSession, level: AccessLevel) -> Reply:
         """Execute an order of a session with the given access level."""
         try:
-            required = REQUIRED_LEVELS.get(order.type, AccessLevel.OPERATE)
+            required = required_level(order)
             if level < required and not _is_release(order):
                 raise OrderRefusedError(level_text(required))
             text = await self._dispatch(order, session, level)
@@ -186,7 +186,7 @@ class OrderHandler:
         async with self._signed(level):
             before = (await self._refusal())[self._tags.machine.refusals]
             await self._connection.write_bit(coil_address("M", command.bit.number), True)
-            return await self._outcome(command, before)
+        return await self._outcome(command, before)  # a command that halts does not wait for it
 
     async def _outcome(self, command: Command, before: int) -> Text:
         """Wait until the program has executed or refused the command, and return the reply."""
@@ -332,6 +332,13 @@ class OrderHandler:
             except ModbusConnectionError as error:
                 raise OrderRefusedError.because("no controller") from error
             yield
+
+
+def required_level(order: messages.Order) -> AccessLevel:
+    """Return the lowest access level at which an order is executed."""
+    if isinstance(order, messages.CommandOrder):
+        return command_level(order.command)
+    return REQUIRED_LEVELS.get(order.type, AccessLevel.OPERATE)
 
 
 def _is_release(order: messages.Order) -> bool:

@@ -9,7 +9,7 @@ from controller.program.texts.operator import Text
 
 LEVELS: Final = {
     "none": Text("Not logged in", "未登录"),
-    "view": Text("View only", "仅查看"),
+    "view": Text("View, stop, hold", "查看、停止、保持"),
     "operate": Text("Operator", "操作员"),
     "maintain": Text("Maintenance", "维护人员"),
 }

@@ -2,6 +2,7 @@
 
 import { app, get, post } from "./app.js";
 import { make, refill, write } from "./dom.js";
+import { freeArea, passwordField } from "./controls/pad.js";
 import { localized, t } from "./texts.js";
 
 export class Login {
@@ -11,7 +12,10 @@ export class Login {
     this.level = make("span", { class: "level", "data-fact": "level" });
     this.button = make("button", { type: "button", class: "order", "data-action": "login", text: t("login"), on: { click: () => this.ask() } });
     this.out = make("button", { type: "button", class: "order", "data-action": "logout", text: t("logout"), on: { click: () => this.logout() } });
-    this.dialog = make("dialog", { class: "dialog", "aria-label": t("login") });
+    this.dialog = make("dialog", { class: "dialog", "aria-label": t("login"), popover: "manual", on: {
+      close: () => refill(this.dialog), // with the passwords
+      keydown: (event) => event.key === "Escape" && this.dialog.close(),
+    } });
     this.node = make("div", { class: "who" }, this.level, this.button, this.out, this.dialog);
   }
 
@@ -31,12 +35,12 @@ export class Login {
 
   ask() {
     const user = make("select", { name: "user", autocomplete: "username" }, ...["operate", "maintain"].map((name) => make("option", { value: name, text: t(`level.${name}`) })));
-    const password = passwordField("current-password");
+    const password = passwordInput("current-password");
     this.#show("login", [label("login.user", user), label("login.password", password)], "login", () => ["/api/login", { user: user.value, password: password.value }]);
   }
 
   askFirst() {
-    const [operate, maintain] = [passwordField("new-password"), passwordField("new-password")];
+    const [operate, maintain] = [passwordInput("new-password"), passwordInput("new-password")];
     operate.minLength = maintain.minLength = 8;
     this.#show("first.title", [make("p", { text: t("first.about") }), label("first.operate", operate), label("first.maintain", maintain)],
       "first.save", () => ["/api/first", { operate: operate.value, maintain: maintain.value }]);
@@ -55,7 +59,17 @@ export class Login {
         make("button", { type: "submit", class: "order", "data-action": "submit", text: t(submit) }),
         make("button", { type: "button", class: "order", "data-action": "close", text: t("close"), on: { click: () => this.dialog.close() } })));
     refill(this.dialog, form);
-    if (!this.dialog.open) this.dialog.showModal();
+    this.#open();
+  }
+
+  /** Open the dialog above the page, beside the strip of state and alarms, which can be pressed meanwhile. */
+  #open() {
+    if (this.dialog.open) return;
+    const { top, right, bottom } = freeArea();
+    Object.assign(this.dialog.style, { top: `${top}px`, right: `calc(100% - ${right}px)`, bottom: `calc(100% - ${bottom}px)`, maxHeight: `${bottom - top}px` });
+    this.dialog.show();
+    this.dialog.showPopover();
+    this.dialog.querySelector("select, input").focus();
   }
 
   async #submit(event, [path, body], error) {
@@ -70,10 +84,12 @@ export class Login {
   }
 }
 
-function label(key, field) {
-  return make("label", { class: "field" }, make("span", { text: t(key) }), field);
+function label(key, input) {
+  input.id = key;
+  const field = input.type === "password" ? passwordField(input, t(key)) : input;
+  return make("div", { class: "field" }, make("label", { for: key, text: t(key) }), field);
 }
 
-function passwordField(autocomplete) {
+function passwordInput(autocomplete) {
   return make("input", { type: "password", name: autocomplete, autocomplete, required: true });
 }

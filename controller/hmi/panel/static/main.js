@@ -1,36 +1,40 @@
-// Frame of the page: header, banners and tabs. It updates the open page with each view.
+// Frame of the page: header, strip, tabs and notice. It updates the open page with each view.
 
 import { app, useDescription } from "./app.js";
-import { AlarmBanner, AlarmsPage } from "./alarms.js";
-import { CyclePage } from "./cycle.js";
-import { IoPage } from "./io.js";
+import { AlarmsPage } from "./pages/alarms.js";
+import { CabPage } from "./pages/cab.js";
+import { CyclePage } from "./pages/cycle.js";
+import { IoPage } from "./pages/io.js";
 import { Link } from "./link.js";
 import { Login } from "./login.js";
-import { ManualPage } from "./manual.js";
-import { OverviewPage } from "./overview.js";
-import { ParametersPage } from "./parameters.js";
-import { RecoveryPage } from "./recovery.js";
-import { StepsPage } from "./steps.js";
-import { TrendsPage } from "./trends.js";
-import { releaseAll } from "./controls.js";
+import { ManualPage } from "./pages/manual.js";
+import { MenuPage } from "./pages/menu.js";
+import { OverviewPage } from "./pages/overview.js";
+import { ParametersPage } from "./pages/parameters.js";
+import { RecoveryPage } from "./pages/recovery.js";
+import { StepsPage } from "./pages/steps.js";
+import { Strip } from "./strip.js";
+import { TraysPage } from "./pages/trays.js";
+import { TrendsPage } from "./pages/trends.js";
+import { releaseAll } from "./controls/buttons.js";
 import { make, mark, refill, write } from "./dom.js";
-import { isolation } from "./parts.js";
 import { THEMES, chooseTheme, theme } from "./theme.js";
-import { chooseLanguage, language, localized, sentence, t, useTexts } from "./texts.js";
+import { LANGUAGE_NAMES, chooseLanguage, language, t, useTexts } from "./texts.js";
 
-const EXECUTE = 6;
-const MANUAL = 3;
-const PAGES = { overview: OverviewPage, alarms: AlarmsPage, trends: TrendsPage, cycle: CyclePage, steps: StepsPage,
-  io: IoPage, manual: ManualPage, recovery: RecoveryPage, parameters: ParametersPage };
-const LANGUAGES = { en: "English", zh: "中文" };
+const PAGES = { cab: CabPage, overview: OverviewPage, alarms: AlarmsPage, recovery: RecoveryPage, manual: ManualPage,
+  trays: TraysPage, trends: TrendsPage, cycle: CyclePage, steps: StepsPage, io: IoPage, parameters: ParametersPage, menu: MenuPage };
+const MENU = "menu"; // has a key in place of a tab
+const NARROW = window.matchMedia("(max-width: 1023px)");
 const NOTICE_MS = 8000;
 const DONE_MS = 3000;
 const RETRY_MS = 1000;
+const TICK_MS = 1000;
 const NOTICE_LEAST_MS = 1500; // time to read a refusal whose reason ends at once
 
 class PanelFrame {
   constructor() {
-    this.name = PAGES[window.location.hash.slice(1)] ? window.location.hash.slice(1) : "overview";
+    const asked = window.location.hash.slice(1);
+    this.name = PAGES[asked] ? asked : NARROW.matches ? "cab" : "overview";
     this.page = null;
     this.noticeNumber = 0;
     this.noticeControl = null;
@@ -41,6 +45,7 @@ class PanelFrame {
     app.link.addEventListener("status", () => this.update());
     app.link.addEventListener("drop", () => releaseAll(t("why.stale")));
     app.link.addEventListener("ended", () => this.changed());
+    window.setInterval(() => this.strip?.tick(), TICK_MS);
     window.addEventListener("hashchange", () => this.open(window.location.hash.slice(1)));
   }
 
@@ -51,24 +56,12 @@ class PanelFrame {
     this.page = null;
     document.title = t("title");
     this.login = new Login(() => this.changed());
-    this.banner = new AlarmBanner(() => this.open("alarms"));
-    this.state = make("strong", { class: "state", "data-fact": "state" });
-    this.reason = make("span", { class: "state-reason", "data-fact": "reason" });
-    this.mode = make("span", { class: "mode", "data-fact": "mode" });
-    this.next = make("span", { class: "next-press", "data-fact": "next-press" });
-    this.isolation = make("details", { class: "isolate", "data-part": "isolate" }, make("summary", { text: t("isolate.steps") }), isolation());
+    this.strip = new Strip((name) => this.open(name));
     this.linkLamp = make("span", { class: "link-lamp", "data-fact": "link" });
-    this.stale = make("p", { class: "strip stale", role: "alert", "data-part": "stale" });
-    this.paused = make("p", { class: "strip paused", role: "status", "data-part": "paused" });
-    this.field = make("p", { class: "strip stale", role: "alert", "data-part": "field-lost" });
-    this.forced = make("p", { class: "strip forced", role: "alert", "data-part": "forced" });
-    for (const strip of [this.stale, this.paused, this.field, this.forced]) strip.hidden = true;
     this.noticeLine = make("p", { class: "notice", role: "status", "data-part": "notice" });
-    this.tabs = Object.keys(PAGES).map((name) => this.#tab(name));
+    this.tabs = Object.keys(PAGES).filter((name) => name !== MENU).map((name) => this.#tab(name));
     this.main = make("main", { id: "page", role: "tabpanel" });
-    refill(document.getElementById("panel"), this.#header(),
-      make("div", { class: "always" }, make("header", { class: "machine" }, this.state, this.reason, this.mode, this.next, this.isolation),
-        this.stale, this.paused, this.field, this.forced, this.banner.node),
+    refill(document.getElementById("panel"), this.#header(), this.strip.node,
       make("div", { class: "tabs", role: "tablist", "aria-label": t("tabs"), on: { keydown: (event) => this.#selectByKey(event) } }, ...this.tabs),
       this.main, this.noticeLine);
     this.open(this.name);
@@ -88,12 +81,15 @@ class PanelFrame {
   }
 
   #languages() {
-    const choice = make("select", { "aria-label": t("language"), "data-action": "language", on: { change: () => {
-      chooseLanguage(choice.value);
-      this.build();
-    } } }, ...app.describe.languages.map((name) => make("option", { value: name, text: LANGUAGES[name] ?? name })));
+    const choice = make("select", { "aria-label": t("language"), "data-action": "language", on: { change: () => this.useLanguage(choice.value) } },
+      ...app.describe.languages.map((name) => make("option", { value: name, text: LANGUAGE_NAMES[name] ?? name })));
     choice.value = language();
     return choice;
+  }
+
+  useLanguage(name) {
+    chooseLanguage(name);
+    this.build();
   }
 
   #tab(name) {
@@ -105,24 +101,29 @@ class PanelFrame {
   #selectByKey(event) {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (step === undefined) return;
-    const names = Object.keys(PAGES);
-    const next = (names.indexOf(this.name) + step + names.length) % names.length;
-    this.open(names[next]);
+    const next = (this.tabs.findIndex((tab) => tab.dataset.page === this.name) + step + this.tabs.length) % this.tabs.length;
+    this.open(this.tabs[next].dataset.page);
     this.tabs[next].focus();
   }
 
-  open(name) {
-    if (!(name in PAGES) || (name === this.name && this.page !== null)) return;
+  /** Open a page, at one of its sections if that is named. */
+  open(name, section = null) {
+    if (!(name in PAGES)) return;
+    if (name !== this.name || this.page === null) this.#replace(name);
+    if (section !== null) this.page.sections.show(section);
+  }
+
+  #replace(name) {
     releaseAll();
     this.page?.closed?.();
     this.name = name;
-    this.page = new PAGES[name]();
+    this.page = new PAGES[name](this);
     for (const tab of this.tabs) {
       const selected = tab.dataset.page === name;
       mark(tab, "aria-selected", String(selected));
       mark(tab, "tabindex", selected ? "0" : "-1");
     }
-    mark(this.main, "aria-labelledby", `tab-${name}`);
+    mark(this.main, "aria-label", t(`page.${name}`));
     mark(this.main, "data-page", name);
     refill(this.main, this.page.node);
     if (window.location.hash.slice(1) !== name) window.history.replaceState(null, "", `#${name}`);
@@ -135,32 +136,12 @@ class PanelFrame {
     mark(document.body, "data-link", link.status);
     this.theme.value = theme(); // follows the computer's setting until the user chooses
     write(this.linkLamp, `${link.live ? "●" : "○"} ${t(link.live ? "link.live" : "link.stale_short")}`);
-    this.#strip(this.stale, link.live ? "" : t(`link.${link.status}`));
+    this.strip.update(link);
     this.login.update();
     const { view } = link;
     if (view === null) return;
-    this.#strip(this.paused, link.live && view.link.paused ? t("link.paused") : "");
-    this.#strip(this.field, link.live && view.link.field_lost ? t("link.field_lost") : "");
-    this.#strip(this.forced, view.forced.length > 0 ? t("forced", { points: view.forced.join(" ") }) : "");
-    this.#machine(view.machine);
-    this.banner.update(view);
     this.page.update(view);
     if (this.noticeHolds?.() === false && performance.now() - this.noticeAt > NOTICE_LEAST_MS) this.#endNotice();
-  }
-
-  #machine(machine) {
-    write(this.state, stateText(machine));
-    write(this.reason, sentence(localized(app.describe.reasons[machine.reason])));
-    write(this.mode, sentence(localized(app.describe.modes[machine.mode])));
-    mark(this.state, "data-state", machine.state);
-    write(this.next, `→ ${sentence(localized(machine.next))}`);
-    this.next.hidden = machine.next_press === 0;
-    this.isolation.hidden = !machine.isolate;
-  }
-
-  #strip(node, text) {
-    write(node, text);
-    node.hidden = text === "";
   }
 
   /**
@@ -194,19 +175,6 @@ class PanelFrame {
     app.link.close();
     void start(this);
   }
-}
-
-/** Return the state with its symbol; in manual mode, Execute moves nothing by itself. */
-function stateText({ state, mode }) {
-  if (state === EXECUTE && mode === MANUAL) return `❚❚ ${t("state.jogging")}`;
-  return `${symbolOf(state)} ${localized(app.describe.states[state])}`;
-}
-
-/** Return a symbol that distinguishes stopped, running, waiting and aborted states without colour. */
-function symbolOf(state) {
-  if (state === 8 || state === 9) return "✕";
-  if (state === 10 || state === 11 || state === 5 || state === 13) return "❚❚";
-  return state === 2 || state === 4 || state === 17 || state === 1 ? "■" : "▶";
 }
 
 /** Get the description and connect; retry until the server responds. */

@@ -3,6 +3,7 @@
 import { store, stored } from "./storage.js";
 
 const STORAGE_KEY = "panel-language";
+export const LANGUAGE_NAMES = { en: "English", zh: "中文" };
 let table = {};
 let selected = "en";
 let chosen = null; // by the user of this page
@@ -87,6 +88,19 @@ export function duration(ms) {
 /** Return a wall-clock time in the local time zone. */
 export function wallClock(utcMs) {
   return new Date(utcMs).toLocaleString(selected === "zh" ? "zh-CN" : "en-GB");
+}
+
+/** Return the time of day in the local time zone: hours and minutes. */
+export function clock() {
+  return new Date().toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
+}
+
+/** Return the time of day in the local time zone, or the date at midnight, to the minute or to the second. */
+export function clockTime(utcMs, seconds) {
+  const at = new Date(utcMs);
+  const locale = selected === "zh" ? "zh-CN" : "en-GB";
+  if (!seconds && at.getHours() === 0 && at.getMinutes() === 0) return at.toLocaleDateString(locale, { day: "2-digit", month: "2-digit" });
+  return at.toLocaleTimeString(locale, { hour: "2-digit", minute: "2-digit", hourCycle: "h23", ...(seconds ? { second: "2-digit" } : {}) });
 }
 
 /** Return a number with a fixed number of decimals; a value that rounds to zero has no sign. */

@@ -1,9 +1,9 @@
-// Theme of the page: greys for indoors, or black on white for sunlight; panel.css has the colours of each.
+// Theme of the page: greys for indoors, black on white for sunlight, or dark for the night; themes.css has the colours of each.
 
 import { store, stored } from "./storage.js";
 
 const STORAGE_KEY = "panel-theme";
-export const THEMES = ["grey", "day"];
+export const THEMES = ["grey", "day", "night"];
 const contrast = window.matchMedia("(prefers-contrast: more)");
 let chosen = null; // by the user of this page
 

@@ -9,6 +9,7 @@ from controller.core.expr import Bit
 from controller.core.sequence import Sequence, Step
 from controller.events.alarm_load import MOST_IN_WINDOW
 from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
+from controller.hmi.panel.orders.login import HALTING, command_level
 from controller.hmi.panel.view.conditions import condition_text
 from controller.hmi.panel.view.state import Json, in_both
 from controller.hmi.panel.view.texts import TEXTS
@@ -66,6 +67,8 @@ def describe(machine: Transplanter, telemetry: Telemetry | None, language: Langu
                 "group": command.group,
                 "packml": command.packml,
                 "mode": modes.get(command.bit),
+                "level": command_level(command.name).name.lower(),
+                "halts": command.name in HALTING,
             }
             for command in machine.tags.commands
         ],
@@ -239,4 +242,4 @@ def _step(sequence: Sequence, step: Step) -> Json:
 
 
 def _tag(tag: TelemetryTag) -> Json:
-    return {"name": tag.name, "unit": tag.unit}
+    return {"name": tag.name, "unit": tag.unit, "low": tag.low, "high": tag.high}

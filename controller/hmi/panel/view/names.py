@@ -16,7 +16,7 @@ _COMMANDS: Final = {
     for name, text in {
         "reset": Text("Reset and home", "复位并回原点"),
         "start": Text("Start", "启动"),
-        "stop": Text("Stop", "停止"),
+        "stop": Text("Stop after cycle", "循环后停止"),
         "hold": Text("Hold", "保持"),
         "unhold": Text("Resume", "解除保持"),
         "suspend": Text("Suspend", "暂挂"),

@@ -16,8 +16,9 @@ from controller.hmi.panel.orders.jog import Jogging
 from controller.hmi.panel.orders.jog_reasons import jog_obstacle
 from controller.hmi.panel.orders.session import force_obstacle, obstacle_text
 from controller.program.machine import Transplanter
+from controller.program.operator.answers import Question
 from controller.program.operator.commands import JOGGED
-from controller.program.operator.next_press import NextPress, refused_text, what_to_do
+from controller.program.operator.next_press import NextPress, answering, named_commands, refused_text, what_to_do
 from controller.program.operator.refusals import Refusal
 from controller.program.tags import ROWS, SIDES, Side
 from controller.program.texts.isolation import begins_with_isolation
@@ -58,6 +59,11 @@ class ViewBuilder:
         self._history_available = history_available
         self._steps = [bit for sequence in machine.program.sequences() for bit, _ in sequence]
         self._by_number = {command.number: command for command in machine.tags.commands}
+        names = {command.bit: command.name for command in machine.tags.commands}
+        answers = {answering(question) for question in Question}
+        self._next_commands: dict[int, str] = {
+            press: names[bits[0]] for press, bits in named_commands(machine.tags).items() if press not in answers
+        }
 
     def view(self) -> Json:
         """Return all sections except `me`, which is specific to each browser."""
@@ -110,7 +116,7 @@ class ViewBuilder:
 
     def _control(self) -> Json:
         machine = self._tags.machine
-        line = what_to_do(self._tags, self._machine.alarms, self._read) or NEXT_PRESSES[NextPress.NONE]
+        line = what_to_do(self._tags, (), self._read) or NEXT_PRESSES[NextPress.NONE]  # the banner names the alarm
         return {
             "state": self._read(machine.state),
             "mode": self._read(machine.mode),
@@ -122,9 +128,15 @@ class ViewBuilder:
             "next": in_both(line),
             "isolate": begins_with_isolation(line),
             "next_press": self._read(machine.next_press),
+            "next_command": self._next_command(),
+            "cups_per_min": self._read(self._tags.planting.frequency) / 10,
             "rows_left": self._read(machine.rows_left),
             "time_ms": self._mirror.long(status.R_TIME_MS),
         }
+
+    def _next_command(self) -> str | None:
+        """Return the name of the command that the next press gives; None if it gives none, or answers a question."""
+        return self._next_commands.get(self._read(self._tags.machine.next_press))
 
     def _jog(self) -> Json:
         """Return the output that is jogged, and why it stays off or moves nothing."""

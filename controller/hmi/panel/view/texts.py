@@ -23,6 +23,7 @@ _FORMATS: Final = {
     "duration.h": Text("{h} h {min} min", "{h} 小时 {min} 分"),
     "unit.s": Text("s", "秒"),
     "unit.ms": Text("ms", "毫秒"),
+    "unit.1/h": Text("1/h", "行/小时"),
 }
 """Units, and formats with which the page combines texts and values."""
 
@@ -32,7 +33,14 @@ _FRAME: Final = {
     "theme": Text("Theme", "主题"),
     "theme.grey": Text("Indoors", "室内"),
     "theme.day": Text("Sunlight", "日光"),
+    "theme.night": Text("Night", "夜间"),
     "tabs": Text("Pages", "页面"),
+    "sections": Text("Sections of the page", "本页各栏"),
+    "sections.back": Text("Up", "向上"),
+    "sections.on": Text("Down", "向下"),
+    "page.menu": Text("Menu", "菜单"),
+    "page.cab": Text("Cab", "驾驶室"),
+    "page.trays": Text("Trays", "苗盘"),
     "page.overview": Text("Overview", "总览"),
     "page.alarms": Text("Alarms", "报警"),
     "page.trends": Text("Trends", "趋势"),
@@ -53,29 +61,17 @@ _FRAME: Final = {
     "close": Text("Close", "关闭"),
     "link.live": Text("Online", "在线"),
     "link.stale_short": Text("No data", "无数据"),
-    "link.stale": Text(
-        "No data from the controller: values are outdated, commands are disabled",
-        "控制器无数据：数值已过时，操作已禁用",
-    ),
-    "link.closed": Text(
-        "No connection to the panel server: values are outdated, commands are disabled",
-        "与面板服务器的连接已断开：数值已过时，操作已禁用",
-    ),
-    "link.paused": Text(
-        "Simulated time is paused: data are live, the machine is stationary", "仿真时间已暂停：数据正常，机器静止"
-    ),
-    "link.field_lost": Text(
-        "Field link lost: inputs are substitute values, outputs are off", "现场通信中断：输入为替代值，输出已切断"
-    ),
+    "link.stale": Text("No data from the controller: commands disabled", "控制器无数据：操作已禁用"),
+    "link.closed": Text("No connection to the panel: commands disabled", "与面板的连接已断开：操作已禁用"),
+    "link.paused": Text("Simulated time is paused, the machine stands", "仿真时间已暂停，机器静止"),
+    "link.field_lost": Text("Field link lost: inputs substituted, outputs off", "现场通信中断：输入为替代值，输出已断"),
     "link.no_telemetry": Text("No telemetry", "无遥测数据"),
-    "forced": Text(
-        "Inputs forced: the program does not read the actual level of {points}",
-        "输入被强制：程序未读取 {points} 的实际电平",
-    ),
+    "forced": Text("Inputs forced: {points}", "输入被强制：{points}"),
     "order.no_link": Text("Not sent: no connection", "未发送：无连接"),
     "order.no_reply": Text("No response: check whether the order was executed", "未收到应答：请确认指令是否已执行"),
     "order.lost": Text("Connection lost before the response", "收到应答前连接已断开"),
     "why.stale": Text("No live data", "无实时数据"),
+    "why.view": Text("Login required", "需要登录"),
     "why.operate": Text("Operator or Maintenance login required", "需要操作员或维护人员登录"),
     "why.maintain": Text("Maintenance login required", "需要维护人员登录"),
     "why.unknown": Text("Not available now", "当前不可用"),
@@ -106,6 +102,19 @@ _LOGIN: Final = {
     "first.save": Text("Save", "保存"),
 }
 
+_PADS: Final = {
+    "pad.number": Text("Number pad", "数字键盘"),
+    "pad.password": Text("Password pad", "密码键盘"),
+    "pad.entry": Text("Entry", "输入值"),
+    "pad.enter": Text("Enter", "确定"),
+    "pad.cancel": Text("Cancel", "取消"),
+    "pad.clear": Text("Clear", "清除"),
+    "pad.backspace": Text("Backspace", "退格"),
+    "pad.space": Text("Space", "空格"),
+    "pad.show": Text("Show", "显示"),
+    "pad.short": Text("At least {n} characters", "至少 {n} 个字符"),
+}
+
 _OVERVIEW: Final = {
     "mimic": Text("Top and rear view of both arms, the tray and the cups", "两臂、苗盘和苗杯的俯视图与后视图"),
     "mimic.plan": Text("Top view", "俯视图"),
@@ -122,6 +131,15 @@ _OVERVIEW: Final = {
         "Hold: the arms finish to the feed position, then wait. It is not an emergency stop.",
         "保持：两臂动作到投苗位后等待，不是急停。",
     ),
+    "hold.no_stop": Text("not an e-stop", "不是急停"),
+    "cab.answer": Text("Answer", "回答"),
+    "figure.cups_per_min": Text("Cups/min per row", "每行苗杯/分"),
+    "figure.missed": Text("Missed cups", "漏投苗杯"),
+    "figure.trays_left": Text("Trays left", "剩余苗盘"),
+    "figure.seedlings": Text("Seedlings in cups", "入杯苗数"),
+    "trays_left": Text("Trays left", "剩余苗盘"),
+    "trays_left.unlimited": Text("no limit", "不限"),
+    "trays.now": Text("Tray at the pick position", "取苗位苗盘"),
     "ask": Text("{label}? Press again", "{label}？再按一次"),
     "modes": Text("Mode", "模式"),
     "production": Text("Production", "生产"),
@@ -250,8 +268,25 @@ _CHARTS: Final = {
     "trends.success": Text("Success rate S", "成功率 S"),
     "trends.cycle": Text("Cycle times", "循环时间"),
     "trends.span": Text("Time span", "时间范围"),
+    "trends.waiting": Text("Waiting for cups", "等待苗杯时间"),
+    "trends.rows": Text("Rows per clock hour", "每小时行数"),
     "trends.minutes": Text("{n} min", "{n} 分钟"),
-    "trends.ago": Text("-{s} s", "{s} 秒前"),
+    "trends.hours": Text("{n} h", "{n} 小时"),
+    "trends.ms": Text("{ms} ms", "{ms} 毫秒"),
+    "trends.live": Text("Live", "实时"),
+    "trends.in": Text("+ Zoom in", "+ 放大"),
+    "trends.out": Text("– Zoom out", "– 缩小"),
+    "trends.earlier": Text("Earlier", "较早"),
+    "trends.later": Text("Later", "较晚"),
+    "trends.from_to": Text("{from} to {to}", "{from} 至 {to}"),
+    "trends.shown": Text(
+        "{range}; one point: {step}, mean as a line, lowest to highest value shaded",
+        "{range}；每点 {step}，线为平均值，阴影为最低值至最高值",
+    ),
+    "trends.between": Text("{value} ({low} to {high})", "{value}（{low} 至 {high}）"),
+    "trends.extremes": Text("lowest {low}, highest {high}", "最低 {low}，最高 {high}"),
+    "trends.low_limit": Text("lower limit {value}", "下限 {value}"),
+    "trends.high_limit": Text("upper limit {value}", "上限 {value}"),
     "trends.none": Text("No records", "暂无记录"),
     "series.left": Text("left", "左"),
     "series.right": Text("right", "右"),
@@ -275,6 +310,8 @@ _CHARTS: Final = {
     "steps.waits": Text("Waiting for {what}", "等待{what}"),
     "steps.active": Text("Active", "当前步"),
     "steps.end": Text("End of sequence", "流程结束"),
+    "steps.follow": Text("Follow the active step", "跟随当前步"),
+    "steps.shown": Text("Sequence shown", "显示的流程"),
 }
 
 _HANDS: Final = {
@@ -347,6 +384,7 @@ _TEXTS: Final[dict[str, Text]] = {
     **_FORMATS,
     **_FRAME,
     **_LOGIN,
+    **_PADS,
     **_OVERVIEW,
     **_ALARMS,
     **_CHARTS,

@@ -1,51 +1,178 @@
-"""Trend buffer in memory, with the samples of the last few minutes."""
+"""Trends over hours: telemetry recorded by the panel, and cycle times and rows per hour from the history."""
 
 from __future__ import annotations
 
-from collections import deque
-from itertools import dropwhile
+import asyncio
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
 from typing import Final
 
-from controller.core.clock import Clock
-from controller.hmi.access import status_registers as status
-from controller.hmi.panel.modbus.mirror import Mirror
+from controller.history.query import CycleTimes, HistoryReader
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.view.state import Json
+from controller.hmi.panel.view.trend_file import TrendFile
+from controller.hmi.panel.view.trend_periods import Spread, TrendPeriod, decimated, merged, single, table, with_gaps
 from controller.program.tags import SIDES
 
-PERIOD_MS: Final = 200
-BUFFER_MS: Final = 600_000
+SAMPLE_MS: Final = 200
+SAMPLED_MS: Final = 600_000
+"""Time for which every sample is kept, ms."""
+PERIOD_MS: Final = 10_000
+"""Length of a period, of which the lowest, mean and highest values are kept, ms."""
+KEPT_MS: Final = 24 * 3_600_000
+"""Time for which the periods are kept, ms."""
+MOST_PERIODS: Final = KEPT_MS // PERIOD_MS
+WRITE_MS: Final = 60_000
+"""Time between two writes of the file, ms; flash memory wears with each write."""
+LEAST_SPAN_MS: Final = 1_000
+MOST_POINTS: Final = 1_000
+"""Largest number of steps in an answer; gaps and the clock may add a point each."""
+HOUR_MS: Final = 3_600_000
 TREND_UNITS: Final = ("mm", "°", "N", "kPa", "%")
 """Units of the telemetry tags that are recorded."""
 
+CYCLES: Final = (*(f"{side}.cycle_ms" for side in SIDES), *(f"{side}.waiting_ms" for side in SIDES))
+ROWS: Final = tuple(f"{side}.rows_per_h" for side in SIDES)
+
 
 class Trends:
-    """Ring buffer of samples: telemetry positions, pressures, forces and percentages, and the last cycle times."""
+    """Recorder of the telemetry and reader of the cycles; all times are those of the wall clock.
 
-    def __init__(self, mirror: Mirror, telemetry: Telemetry | None, clock: Clock) -> None:
-        """Initialise an empty buffer."""
-        self._mirror = mirror
+    Every sample of the last `SAMPLED_MS` is kept in memory, and every period of the last `KEPT_MS` in memory and in a
+    file. The cycles are those of the history.
+    """
+
+    def __init__(
+        self,
+        telemetry: Telemetry | None,
+        history: HistoryReader | None,
+        file: TrendFile | None,
+        wall_ms: Callable[[], int],
+    ) -> None:
+        """Load the periods of the file.
+
+        Args:
+            telemetry: Source of the samples.
+            history: Source of the cycles.
+            file: File of the periods; None = they are kept in memory only.
+            wall_ms: Wall clock, ms since 1970 UTC.
+        """
         self._telemetry = telemetry
-        self._clock = clock
-        tags = () if telemetry is None else telemetry.tags
-        self._recorded = [tag.name for tag in tags if tag.unit in TREND_UNITS]
-        self._rows: deque[list[float | None]] = deque(maxlen=BUFFER_MS // PERIOD_MS)
+        self._history = history
+        self._file = file
+        self._wall_ms = wall_ms
+        self._names = [tag.name for tag in (telemetry.tags if telemetry else ()) if tag.unit in TREND_UNITS]
+        self._samples: deque[TrendPeriod] = deque(maxlen=SAMPLED_MS // SAMPLE_MS)
+        self._open: list[TrendPeriod] = []
+        """Samples of the period that has not ended."""
+        now_ms = wall_ms()
+        stored = file.load(self._names, now_ms - KEPT_MS, now_ms) if file and self._names else []
+        self._periods: deque[TrendPeriod] = deque(stored, MOST_PERIODS)
+        self._unwritten: deque[TrendPeriod] = deque(maxlen=MOST_PERIODS)
+        self._writing = asyncio.Lock()
 
     def sample(self) -> None:
-        """Record one sample."""
-        values = {} if self._telemetry is None else self._telemetry.values
-        cycles = [self._cycle_ms(index) for index in range(len(SIDES))]
-        self._rows.append([self._clock.now_ms(), *(values.get(name) for name in self._recorded), *cycles])
+        """Record one sample, and end the period if its time has passed."""
+        if self._telemetry is None or not self._names:
+            return
+        now_ms, values = self._wall_ms(), self._telemetry.values
+        self._drop_from(now_ms)
+        if self._open and self._open[0].utc_ms // PERIOD_MS != now_ms // PERIOD_MS:
+            self._end_period()
+        row = TrendPeriod(now_ms, SAMPLE_MS, tuple(single(values.get(name)) for name in self._names))
+        self._samples.append(row)
+        self._open.append(row)
 
-    def since(self, at_ms: int) -> Json:
-        """Return the samples recorded after `at_ms` on the panel clock, ms, oldest first."""
+    async def run(self) -> None:
+        """Write the ended periods once a minute until cancelled."""
+        while True:
+            await asyncio.sleep(WRITE_MS / 1_000)
+            await self.write()
+
+    async def write(self) -> None:
+        """Write the periods that are not yet in the file."""
+        async with self._writing:
+            rows = list(self._unwritten)
+            if rows and self._file is not None and await asyncio.to_thread(self._file.append, self._names, rows):
+                for _ in rows:
+                    self._unwritten.popleft()
+
+    async def close(self) -> None:
+        """End the period, write it and close the file; what is recorded afterwards is not written."""
+        self._end_period()
+        await self.write()
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    async def answer(self, span_ms: int, end_ms: int | None, points: int) -> Json:
+        """Return the trends of a time span.
+
+        Args:
+            span_ms: Length of the span, ms, from `LEAST_SPAN_MS` to `KEPT_MS`.
+            end_ms: End of the span, ms since 1970 UTC; None = now.
+            points: Number of points of a series, up to `MOST_POINTS`; a point has the extremes of its time.
+        """
+        now_ms = self._wall_ms()
+        to_ms = now_ms if end_ms is None else min(end_ms, now_ms)
+        from_ms = max(to_ms - span_ms, now_ms - KEPT_MS)
+        step_ms = max(SAMPLE_MS, -(-span_ms // points))
+        samples = self._recorded(step_ms)
+        tables = await asyncio.to_thread(self._tables, samples, from_ms, to_ms, step_ms)
         return {
-            "now_ms": self._clock.now_ms(),
-            "period_ms": PERIOD_MS,
-            "names": [*self._recorded, *(f"{side}.cycle_ms" for side in SIDES)],
-            "rows": list(dropwhile(lambda row: (row[0] or 0) <= at_ms, self._rows)),
+            "now_ms": now_ms,
+            "from_ms": from_ms,
+            "to_ms": to_ms,
+            "step_ms": step_ms,
+            "kept_ms": KEPT_MS,
+            "tables": tables,
         }
 
-    def _cycle_ms(self, index: int) -> int | None:
-        first = status.R_CYCLES + status.CYCLE_WORDS * index
-        return self._mirror.long(first + 2) or None if self._mirror.fresh else None
+    def _recorded(self, step_ms: int) -> list[TrendPeriod]:
+        """Return samples and periods in chronological order: if a step has several periods, they are sufficient."""
+        if step_ms >= PERIOD_MS:
+            return [*self._periods, *([merged(self._open)] if self._open else ())]
+        first_ms = self._samples[0].utc_ms if self._samples else self._wall_ms()
+        return [*(row for row in self._periods if row.end_ms <= first_ms), *self._samples]
+
+    def _tables(self, recorded: Sequence[TrendPeriod], from_ms: int, to_ms: int, step_ms: int) -> list[Json]:
+        """Return a table of points for the telemetry, one for the cycles and one for the hours."""
+        within = [row for row in recorded if from_ms <= row.end_ms and row.utc_ms < to_ms]
+        hours = range(from_ms // HOUR_MS, -(-to_ms // HOUR_MS))
+        cycles = []
+        if self._history is not None:
+            cycles = self._history.cycle_times(hours.start * HOUR_MS, hours.stop * HOUR_MS)
+        timed = [TrendPeriod(cycle.utc_ms, 0, _values(cycle)) for cycle in cycles if from_ms <= cycle.utc_ms < to_ms]
+        counts = Counter((cycle.utc_ms // HOUR_MS, cycle.side) for cycle in cycles)
+        hourly = [
+            TrendPeriod(max(hour * HOUR_MS, from_ms), 0, tuple(single(counts[hour, side]) for side in SIDES))
+            for hour in (hours if cycles else ())
+        ]
+        hourly += [hourly[-1]._replace(utc_ms=to_ms)] if hourly else []
+        return [
+            table(self._names, list(with_gaps(decimated(within, step_ms)))),
+            table(CYCLES, decimated(timed, step_ms)),
+            table(ROWS, hourly),
+        ]
+
+    def _end_period(self) -> None:
+        if self._open:
+            period = merged(self._open)
+            self._open.clear()
+            self._periods.append(period)
+            if self._file is not None:
+                self._unwritten.append(period)
+
+    def _drop_from(self, now_ms: int) -> None:
+        """Drop what was recorded at or after a time: the wall clock has been set back, and times must ascend."""
+        if self._samples and self._samples[-1].utc_ms >= now_ms:
+            self._open.clear()
+            for rows in (self._samples, self._periods):
+                while rows and rows[-1].utc_ms >= now_ms:
+                    rows.pop()
+
+
+def _values(cycle: CycleTimes) -> tuple[Spread | None, ...]:
+    """Return the times of a cycle in the order of `CYCLES`."""
+    times = (cycle.cycle_ms, cycle.waiting_ms)
+    return tuple(single(time if side == cycle.side else None) for time in times for side in SIDES)

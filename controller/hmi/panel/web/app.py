@@ -19,7 +19,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
-from controller.core.clock import Clock
+from controller.core.clock import Clock, utc_ms
 from controller.history.query import HistoryReader, Record
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import Mirror, Poller
@@ -35,15 +35,15 @@ from controller.hmi.panel.orders.login import (
     LoginThrottle,
     User,
     Users,
-    is_loopback,
 )
 from controller.hmi.panel.orders.operator import OrderHandler
 from controller.hmi.panel.orders.replies import level_text, reply_text
 from controller.hmi.panel.view.describe import describe, public
 from controller.hmi.panel.view.metrics import CONTENT_TYPE, Metrics
 from controller.hmi.panel.view.state import ViewBuilder, in_both
-from controller.hmi.panel.view.trends import Trends
-from controller.hmi.panel.web.guard import Guard
+from controller.hmi.panel.view.trend_file import TrendFile
+from controller.hmi.panel.view.trends import KEPT_MS, LEAST_SPAN_MS, MOST_POINTS, Trends
+from controller.hmi.panel.web.guard import Guard, is_local, peer_of
 from controller.hmi.panel.web.sockets import BrowserSocket, ViewBroadcaster
 from controller.program.machine import Transplanter
 from controller.program.tags import SIDES
@@ -91,6 +91,8 @@ class Sources:
         history: Reader of the history; the file may not exist yet.
         clock: Clock of the panel.
         language: Language of the page until its user selects one; None = that of the browser.
+        trends: File of the trends; None = they are kept in memory only.
+        wall_ms: Wall clock, ms since 1970 UTC.
     """
 
     machine: Transplanter
@@ -99,6 +101,8 @@ class Sources:
     history: HistoryReader | None
     clock: Clock
     language: Language | None = None
+    trends: TrendFile | None = None
+    wall_ms: Callable[[], int] = utc_ms
 
 
 class PanelApplication:
@@ -131,7 +135,7 @@ class PanelApplication:
         self.operator = OrderHandler(
             machine, self.mirror, sources.connect(), self._jogging, telemetry=telemetry, clock=clock
         )
-        self._trends = Trends(self.mirror, telemetry, clock)
+        self._trends = Trends(telemetry, sources.history, sources.trends, sources.wall_ms)
         viewer = ViewBuilder(machine, self.mirror, self._jogging, telemetry, lambda: self._history_available)
         self._broadcaster = ViewBroadcaster(viewer, self._trends)
         self._metrics = Metrics(machine, self.mirror, self.operator, telemetry, lambda: self._broadcaster.browsers)
@@ -140,7 +144,7 @@ class PanelApplication:
     def level(self, connection: HTTPConnection) -> AccessLevel:
         """Return the access level of a client: that of its session, and at least VIEW on the local computer."""
         level = self.sessions.level(connection.cookies.get(COOKIE))
-        return max(level, AccessLevel.VIEW) if _is_local(connection) else level
+        return max(level, AccessLevel.VIEW) if is_local(connection) else level
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -151,6 +155,7 @@ class PanelApplication:
             self._broadcaster.run(),
             self.operator.run(),
             self._watch_history(),
+            self._trends.run(),
         ]
         if self._sources.telemetry is not None:
             jobs.append(self._sources.telemetry.run())
@@ -161,6 +166,7 @@ class PanelApplication:
             yield
         finally:
             await self._jogging.close()
+            await self._trends.close()
             await _cancel(tasks)
 
     async def me(self, request: Request) -> Response:
@@ -169,7 +175,7 @@ class PanelApplication:
 
     async def login(self, request: Request) -> Response:
         """Start a session with a user name and a password."""
-        peer = _peer(request)
+        peer = peer_of(request)
         if self._users.first_run:
             return _reply(409, "first run")
         locked_s = self._throttle.locked_s(peer)
@@ -199,7 +205,7 @@ class PanelApplication:
 
     async def first(self, request: Request) -> Response:
         """Set both passwords on the first run; permitted from the local computer only."""
-        if not _is_local(request):
+        if not is_local(request):
             return _reply(403, "first only here")
         body = await _body(request, _FirstPasswords)
         if body is None:
@@ -254,11 +260,14 @@ class PanelApplication:
         return JSONResponse(await asyncio.to_thread(reader.last_cycle, side))
 
     async def trends(self, request: Request) -> Response:
-        """Return the trend samples recorded after a given time."""
-        since_ms = _whole_number(request, "since", "0")
-        if since_ms is None:
-            return _reply(400, "malformed", what="since")
-        return JSONResponse(self._trends.since(since_ms))
+        """Return the trends of a time span, as many points as the page can show."""
+        span_ms, points = _whole_number(request, "span", "0"), _whole_number(request, "points", "0")
+        end_ms = _whole_number(request, "end", "")
+        if span_ms is None or points is None or (end_ms is None and "end" in request.query_params):
+            return _reply(400, "malformed", what="span, points, end")
+        if not (LEAST_SPAN_MS <= span_ms <= KEPT_MS and 1 <= points <= MOST_POINTS):
+            return _reply(400, "malformed", what=f"span {LEAST_SPAN_MS}-{KEPT_MS}, points 1-{MOST_POINTS}, end")
+        return JSONResponse(await self._trends.answer(span_ms, end_ms, points))
 
     async def metrics(self, _: Request) -> Response:
         """Return the Prometheus metrics."""
@@ -337,14 +346,6 @@ def application(panel: PanelApplication, names: Iterable[str]) -> ASGIApp:
         WebSocketRoute("/ws", panel.socket),
     ]
     return Guard(Starlette(routes=routes, lifespan=lifespan), names)
-
-
-def _peer(connection: HTTPConnection) -> str:
-    return connection.client.host if connection.client else ""
-
-
-def _is_local(connection: HTTPConnection) -> bool:
-    return is_loopback(_peer(connection))
 
 
 def _reply(status: int, key: str, **values: object) -> Response:

@@ -12,6 +12,7 @@ from typing import Final
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -31,6 +32,10 @@ HEADERS: Final = {
     "cache-control": "no-store",
 }
 DEFAULT_PORTS: Final = {"http": 80, "https": 443}
+FORWARDING: Final = frozenset(
+    ("forwarded", "via", "x-real-ip", "x-client-ip", "x-cluster-client-ip", "true-client-ip", "cf-connecting-ip")
+)
+"""Headers with which proxies name their clients (RFC 7239, RFC 9110 7.6.3, and common ones), beside `x-forwarded-*`."""
 
 
 class Guard:
@@ -81,6 +86,17 @@ class Guard:
         if url.netloc.lower() != host.lower() or "@" in host or url_port != port:
             return False
         return name in self._names or name == str(address).lower() or (is_loopback(name) and is_loopback(address))
+
+
+def peer_of(connection: HTTPConnection) -> str:
+    """Return the address of the client of a connection; empty if it is unknown."""
+    return connection.client.host if connection.client else ""
+
+
+def is_local(connection: HTTPConnection) -> bool:
+    """Return whether a client is on this computer; a proxy on it names its client in a header."""
+    forwarded = any(name in FORWARDING or name.startswith("x-forwarded") for name in connection.headers)
+    return is_loopback(peer_of(connection)) and not forwarded
 
 
 def _with_headers(send: Send) -> Send:

@@ -9,13 +9,13 @@ from typing import Any, Final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
-from controller.hmi.panel.orders.login import AccessLevel
+from controller.hmi.panel.orders.login import HALTING, AccessLevel
 from controller.hmi.panel.orders.messages import BoxOrder, CommandOrder, JogOrder, MessageError, Order, read_order
 from controller.hmi.panel.orders.operator import OrderHandler, Reply
 from controller.hmi.panel.orders.replies import reply_text
 from controller.hmi.panel.orders.session import BrowserSession
 from controller.hmi.panel.view.state import Json, ViewBuilder, delta, in_both, in_both_or_none
-from controller.hmi.panel.view.trends import PERIOD_MS, Trends
+from controller.hmi.panel.view.trends import SAMPLE_MS, Trends
 
 _log = logging.getLogger(__name__)
 
@@ -42,7 +42,7 @@ class ViewBroadcaster:
     """
 
     def __init__(self, viewer: ViewBuilder, trends: Trends) -> None:
-        """Initialise the broadcaster for a view builder and a trend buffer."""
+        """Initialise the broadcaster for a view builder and a trend recorder."""
         self.browsers = 0
         self._viewer = viewer
         self._trends = trends
@@ -65,19 +65,21 @@ class ViewBroadcaster:
             self._view = self._viewer.view()
             ready, self._next = self._next, asyncio.Event()
             ready.set()
-            if ticks % (PERIOD_MS // VIEW_MS) == 0:
+            if ticks % (SAMPLE_MS // VIEW_MS) == 0:
                 self._trends.sample()
             ticks += 1
             await asyncio.sleep(VIEW_MS / 1_000)
 
 
-def _always_executed(order: Order) -> bool:
-    """Return whether an order halts the machine, or is a jog, which ends without its renewal."""
+def _halts(order: Order) -> bool:
+    """Return whether an order halts the machine."""
     match order:
-        case CommandOrder(command="stop" | "hold" | "abort") | BoxOrder(button="emergency_stop", pressed=True):
+        case CommandOrder(command=command):
+            return command in HALTING
+        case BoxOrder(button="emergency_stop", pressed=True):
             return True
         case _:
-            return isinstance(order, JogOrder)
+            return False
 
 
 class BrowserSocket:
@@ -156,12 +158,17 @@ class BrowserSocket:
             self._operator.refused += 1
             await self._reply(error.id, Reply(False, reply_text("malformed", what=error)))
             return
-        if order.seen is not None and self._views - order.seen > LATEST_VIEWS and not _always_executed(order):
+        # a jog that arrives late ends without its renewal
+        if (
+            order.seen is not None
+            and self._views - order.seen > LATEST_VIEWS
+            and not (_halts(order) or isinstance(order, JogOrder))
+        ):
             self._operator.refused += 1
             await self._reply(order.id, Reply(False, reply_text("too late")))
         elif isinstance(order, JogOrder):  # in order of arrival, without waiting for other orders
             await self._execute(order)
-        elif len(self._orders) >= MAX_PENDING:
+        elif len(self._orders) >= MAX_PENDING and not _halts(order):
             self._operator.refused += 1
             await self._reply(order.id, Reply(False, reply_text("busy")))
         else:

@@ -136,7 +136,7 @@ MACHINE_ALARMS: Final = {
     ),
     "lambda": AlarmText(
         Text(
-            "Planter chain too slow or too fast for the ground speed (lambda outside its limits)",
+            "Planter chain too slow or too fast for the ground speed (lambda)",
             "栽植器链条速度与前进速度不匹配（λ 超出范围）",
         ),
         Text(

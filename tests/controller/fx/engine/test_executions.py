@@ -239,7 +239,7 @@ def check_program(text: str, story: list[FxScan]) -> None:
         plc.scan(now_ms, scanned.levels)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(programs(), STORIES)
 def test_arbitrary_programs_have_equal_devices_after_every_scan(text: str, story: list[FxScan]) -> None:
     check_program(text, story)
@@ -247,7 +247,7 @@ def test_arbitrary_programs_have_equal_devices_after_every_scan(text: str, story
 
 @pytest.mark.nightly
 @pytest.mark.timeout(3_600)
-@settings(max_examples=1_000, deadline=None)
+@settings(max_examples=1_000)
 @given(programs(), STORIES)
 def test_a_thousand_arbitrary_programs(text: str, story: list[FxScan]) -> None:
     check_program(text, story)

@@ -139,14 +139,14 @@ def text_of(lines: list[Line]) -> Iterator[str]:
     yield "END"
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(NETWORKS | CONTROLLED, STORIES)
 def test_engine_and_stack_machine_agree_in_every_scan(lines: list[Line], story: list[Levels]) -> None:
     compare(lines, story)
 
 
 @pytest.mark.nightly
-@settings(max_examples=1_000, deadline=None)
+@settings(max_examples=1_000)
 @given(NETWORKS | CONTROLLED, STORIES)
 def test_engine_and_stack_machine_agree_on_a_thousand_networks(lines: list[Line], story: list[Levels]) -> None:
     compare(lines, story)

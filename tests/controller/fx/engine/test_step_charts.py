@@ -93,14 +93,14 @@ def text_of(chart: Chart) -> str:
     return "\n".join([*lines, "RET", "END"])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(CHARTS, STORIES)
 def test_engine_agrees_with_the_rules_in_every_scan(chart: Chart, story: list[tuple[tuple[bool, ...], bool]]) -> None:
     compare(chart, story)
 
 
 @pytest.mark.nightly
-@settings(max_examples=1_000, deadline=None)
+@settings(max_examples=1_000)
 @given(CHARTS, STORIES)
 def test_engine_agrees_with_the_rules_on_a_thousand_charts(
     chart: Chart, story: list[tuple[tuple[bool, ...], bool]]

@@ -26,6 +26,8 @@ from controller.hmi.modbus.server import HmiServer
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders.login import Cost, Users
+from controller.hmi.panel.view.trend_file import TrendFile
+from controller.hmi.panel.view.trends import MOST_PERIODS
 from controller.hmi.panel.web.app import PanelApplication, Sources, application
 from controller.io.pace import Pace
 from plant_sim.twin.lock_step import Twin
@@ -90,6 +92,10 @@ class Browser:
             self.read()
         raise AssertionError(f"no reply to {id_}")
 
+    def is_answered(self, id_: Any) -> bool:
+        """Return whether the reply to an order is among the messages that have been read."""
+        return id_ in self._replies
+
     def order(self, **order: Any) -> dict[str, Any]:
         """Send an order and return its reply."""
         return self.reply(self.send(**order))
@@ -137,6 +143,7 @@ class PanelRig:
             None if telemetry is None else telemetry(clock),
             HistoryReader(folder / "history.sqlite"),
             clock,
+            trends=TrendFile(folder / "trends.sqlite", MOST_PERIODS),
         )
         self.panel = PanelApplication(sources, users)
         self._listener = socket.create_server(("127.0.0.1", 0))

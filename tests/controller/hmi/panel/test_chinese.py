@@ -29,7 +29,8 @@ from controller.program.texts.operator import CANNOT, MODES, ORDERS, QUESTIONS, 
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))
 CHINESE = re.compile(r"[\u4e00-\u9fff]")
-ASCII_PUNCTUATION = re.compile(r"[,;:!?()]|\.(?!\d)")
+ASCII_PUNCTUATION = re.compile(r"[,;!?()]|(?<!\d):|:(?!\d)|\.(?!\d)")
+"""Punctuation of English; the point of a number and the colon of a clock time are those of both languages."""
 PLACEHOLDER = re.compile(r"\{[^}]*\}")
 WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -41,6 +42,8 @@ SYMBOLS = {"S", "P", "D", "T", "X", "Y", "n", "I", "O", "mm", "kPa", "N"}
 ALLOWED = NAMES | SYMBOLS
 
 IDENTIFIERS = {
+    "level",
+    "next_command",
     "address",
     "command",
     "device",

@@ -1,4 +1,4 @@
-"""Chinese font of the page: its glyphs are those of the texts, its size and licence, and its build."""
+"""Files of others on the page: the Chinese font has the glyphs of the texts; sizes, licences, and the build."""
 
 from __future__ import annotations
 
@@ -17,13 +17,27 @@ from fontTools.ttLib import TTFont
 
 from controller.hmi.panel.web.app import STATIC
 from scripts import foreign_files
-from scripts.foreign_files import CHINESE, FOLDER, MARK, WEIGHTS, ForeignFileError, characters, get_build_hook, make
+from scripts.foreign_files import (
+    CHARTS,
+    CHINESE,
+    FOLDER,
+    LATIN,
+    MARK,
+    NOTO_SANS_SC,
+    UPLOT,
+    WEIGHTS,
+    ForeignFileError,
+    Package,
+    characters,
+    get_build_hook,
+    make,
+)
 from tests.controller.hmi.panel.text_tables import declared_values
 from tests.paths import ROOT
 
 MOST_BYTES: Final = 400_000
 """Limit of all files of the font together."""
-REMEDY: Final = "to make the font again, run: scripts/setup dev"
+REMEDY: Final = "to make the files again, run: scripts/setup dev"
 OTHER_SYMBOLS: Final = set("λ≤≥≠–“”°")
 """Characters of Chinese texts that are neither ASCII nor Chinese; every computer with a Latin font has them."""
 FONTS: Final = {weight: ROOT / FOLDER / f"noto-sans-sc-{weight}.woff2" for weight in WEIGHTS}
@@ -53,7 +67,7 @@ def is_chinese(character: str) -> bool:
 def texts() -> frozenset[str]:
     """Return the strings with Chinese characters in the tables of all modules of the controller."""
     found = {text for _, value in declared_values() for text in strings(value)}
-    found.update(re.findall(r'"([^"\n]*)"', (STATIC / "main.js").read_text(encoding="utf-8")))
+    found.update(re.findall(r'"([^"\n]*)"', (STATIC / "texts.js").read_text(encoding="utf-8")))
     return frozenset(text for text in found if any(map(is_chinese, text)))
 
 
@@ -73,21 +87,35 @@ def test_other_characters_of_chinese_texts_are_in_every_latin_font() -> None:
 
 
 def test_the_font_is_small_and_has_its_licence_beside_it() -> None:
-    files = [path for path in (ROOT / FOLDER).iterdir() if path.name != MARK]
-    assert {path.name for path in files} == {*(path.name for path in FONTS.values()), "noto-sans-sc.LICENSE.txt"}
+    files = [*FONTS.values(), ROOT / FOLDER / "noto-sans-sc.LICENSE.txt"]
     assert sum(path.stat().st_size for path in files) <= MOST_BYTES
-    assert "SIL OPEN FONT LICENSE Version 1.1" in (ROOT / FOLDER / "noto-sans-sc.LICENSE.txt").read_text()
+    assert "SIL OPEN FONT LICENSE Version 1.1" in files[-1].read_text()
     for weight, path in FONTS.items():
         font = TTFont(path)
         assert (font.flavor, font["OS/2"].usWeightClass) == ("woff2", weight)
         assert "Adobe" in font["name"].getDebugName(0), "the copyright notice stays in the font"
 
 
+def test_the_charts_are_those_of_the_pinned_version_with_their_licence() -> None:
+    script, licence = (
+        (ROOT / FOLDER / name).read_text(encoding="utf-8") for name in ("uPlot.esm.js", "uPlot.LICENSE.txt")
+    )
+    assert f"(v{UPLOT.version})" in script[:400]
+    assert script.rstrip().endswith("export { uPlot as default };")
+    assert licence.startswith("The MIT License (MIT)")
+
+
+def test_the_folder_has_the_files_of_the_packages_and_their_mark_only() -> None:
+    wanted = {*(path.name for path in FONTS.values()), "noto-sans-sc.LICENSE.txt", *LATIN, *CHARTS, MARK}
+    assert {path.name for path in (ROOT / FOLDER).iterdir()} == wanted
+
+
 def test_the_style_sheet_takes_the_chinese_characters_from_the_font() -> None:
-    sheet = (STATIC / "panel.css").read_text(encoding="utf-8")
+    sheet = (STATIC / "themes.css").read_text(encoding="utf-8")
     blocks = ", ".join(f"U+{first:04X}-{last:04X}" for first, last in CHINESE)
-    assert re.findall(r"unicode-range: (.*);", sheet) == [blocks] * len(FONTS)
-    assert re.findall(r'url\("/static/(.*?)"\)', sheet) == [f"foreign/{path.name}" for path in FONTS.values()]
+    chinese = sheet[sheet.index('"Panel Chinese"') :]
+    assert re.findall(r"unicode-range: (.*);", chinese) == [blocks] * len(FONTS)
+    assert re.findall(r'url\("/static/(.*?)"\)', chinese) == [f"foreign/{path.name}" for path in FONTS.values()]
 
 
 # --- build ----------------------------------------------------------------------------------------
@@ -119,6 +147,12 @@ def test_the_font_has_to_be_made_again_for_a_text_with_a_new_character(tree: Pat
     assert check(tree) == 1
 
 
+@pytest.mark.parametrize("name", ["uPlot.esm.js", "uPlot.LICENSE.txt", "noto-sans-sc-400.woff2"])
+def test_a_missing_file_has_to_be_made_again(tree: Path, name: str) -> None:
+    (tree / FOLDER / name).unlink()
+    assert check(tree) == 1
+
+
 def test_the_font_has_to_be_made_again_after_a_change_of_its_build(tree: Path) -> None:
     with (tree / "scripts/foreign_files.py").open("a", encoding="utf-8") as script:
         script.write("# one more line\n")
@@ -141,20 +175,25 @@ def test_the_build_needs_npm_only_to_make_the_font(monkeypatch: pytest.MonkeyPat
         make(tmp_path)
 
 
+@pytest.mark.parametrize("package", [NOTO_SANS_SC, UPLOT], ids=lambda package: package.name)
 @pytest.mark.parametrize(
     ("script", "message"),
     [
         ("echo 404 not found >&2; exit 1", "npm cannot download .*: 404 not found; check the network"),
-        ("echo other >font.tgz", ".* is not the pinned archive: its SHA-512 differs; check the registry of npm"),
+        ("echo other >other.tgz", ".* is not the pinned archive: its SHA-512 differs; check the registry of npm"),
     ],
 )
 def test_a_package_that_is_not_the_pinned_one_is_refused(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, script: str, message: str
+    monkeypatch: pytest.MonkeyPatch, tree: Path, package: Package, script: str, message: str
 ) -> None:
-    npm = tmp_path / "npm"
-    npm.write_text(f"#!/bin/sh\n{script}\n")
+    """Of all packages one fails; the files that were made before stay as they are."""
+    archive = shutil.which("npm")
+    assert archive is not None, "npm has the other package in its cache, or downloads it"
+    npm = tree / "npm"
+    npm.write_text(f'#!/bin/sh\ncase "$*" in *{package.name}@*) {script};; *) exec {archive} "$@";; esac\n')
     npm.chmod(0o755)
     monkeypatch.setattr(shutil, "which", lambda _: str(npm))
+    before = {path.name: path.read_bytes() for path in (tree / FOLDER).iterdir()}
     with pytest.raises(ForeignFileError, match=f"^{message}$"):
-        make(tmp_path)
-    assert not (tmp_path / FOLDER).exists()
+        make(tree)
+    assert {path.name: path.read_bytes() for path in (tree / FOLDER).iterdir()} == before

@@ -8,14 +8,16 @@ from typing import Any
 
 import pytest
 
+from controller.core.clock import MonotonicClock
+from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.states import Mode, State
-from plant_sim.twin.lock_step import Twin
+from plant_sim.twin.lock_step import SCAN_MS, Twin
 from tests.controller.hmi.panel.panel_rig import Browser, PanelRig
 from tests.plant_sim.twin.twin_rig import ChangeRecorder, switched_on
 
 OUTPUT = "left.lift_retract"
 OTHER = "right.lift_retract"
-LEASE_SCANS = 30
+LEASE_SCANS = JOG_LEASE_MS // SCAN_MS
 SLACK_SCANS = 8
 """Allowance for a browser message, a Modbus write and a scan on a busy computer."""
 
@@ -68,11 +70,18 @@ def test_output_is_on_while_renewed_and_off_after_release(rig: PanelRig) -> None
 
 def test_missing_renewal_releases_the_output(rig: PanelRig) -> None:
     with rig.browser("maintain") as browser:
+        recorder = ChangeRecorder.of_outputs(rig.twin)
+        clock = MonotonicClock()
+        ordered_ms = clock.now_ms()
         assert jog(browser)["ok"] is True
         rig.until(lambda: coil(rig))
-        scans = rig.until(lambda: not coil(rig), scans=200)
-        assert LEASE_SCANS // 2 <= scans <= LEASE_SCANS + SLACK_SCANS
+        rig.until(lambda: not coil(rig), scans=200)
+        held_ms = clock.now_ms() - ordered_ms
         browser.until(lambda view: view["jog"]["output"] is None)
+    on, off = recorder.of(OUTPUT)
+    assert off.at_ms - on.at_ms <= (LEASE_SCANS + SLACK_SCANS) * SCAN_MS
+    # the panel counts by the clock, the controller by scans, fewer on a busy computer; the earlier one ends it
+    assert held_ms >= JOG_LEASE_MS or off.at_ms - on.at_ms >= JOG_LEASE_MS
 
 
 def test_late_message_does_not_start_a_jog(rig: PanelRig) -> None:

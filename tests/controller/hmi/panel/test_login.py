@@ -193,7 +193,8 @@ def test_malformed_login_is_refused(rig: PanelRig, body: bytes) -> None:
 
 def test_remote_clients_need_a_login(rig: PanelRig) -> None:
     remote = rig.client(ELSEWHERE)
-    for path in ("/api/history/events", "/api/history/last_cycle?side=left", "/api/trends", "/metrics"):
+    trends = "/api/trends?span=600000&points=300"
+    for path in ("/api/history/events", "/api/history/last_cycle?side=left", trends, "/metrics"):
         assert remote.get(path).status_code == 401, path
         assert rig.here.get(path).status_code in (200, 404), path
     described = remote.get("/api/describe")
@@ -206,6 +207,22 @@ def test_remote_clients_need_a_login(rig: PanelRig) -> None:
     assert remote.get("/metrics").status_code == 200
     with rig.socket(remote) as socket:
         assert json.loads(socket.recv(timeout=WAIT_S))["view"]["me"] == {"level": "operate"}
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        *("Forwarded", "Via", "X-Forwarded-For", "x-forwarded-host", "X-Forwarded-Proto"),
+        *("X-Real-IP", "X-Client-IP", "X-Cluster-Client-IP", "True-Client-IP", "CF-Connecting-IP"),
+    ],
+)
+def test_a_client_of_a_proxy_on_this_computer_needs_a_login(rig: PanelRig, header: str) -> None:
+    forwarded = {header: "198.51.100.7"}
+    assert rig.here.get("/api/me", headers=forwarded).json()["level"] == "none"
+    assert rig.here.get("/metrics", headers=forwarded).status_code == 401
+    assert rig.here.post("/api/first", json=FIRST, headers=forwarded).status_code == 403
+    with pytest.raises(InvalidStatus):
+        rig.socket(rig.client(), **forwarded)
 
 
 def test_socket_closes_with_its_session(rig: PanelRig) -> None:

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from controller.hmi.panel.orders import operator
 from controller.hmi.panel.orders.messages import MessageError, read_order
 from controller.hmi.panel.orders.replies import REPLIES
 from controller.hmi.panel.web import sockets
@@ -22,7 +23,8 @@ from tests.controller.hmi.panel.panel_rig import Browser, PanelRig
 from tests.plant_sim.twin.twin_rig import switched_on
 
 ORDERS: list[dict[str, Any]] = [
-    {"type": "command", "command": "stop"},
+    {"type": "command", "command": "abort"},
+    {"type": "command", "command": "start"},
     {"type": "set", "name": "settle", "value": 30},
     {"type": "acknowledge", "alarm": None},
     {"type": "acknowledge"},
@@ -49,7 +51,7 @@ def english(reply: dict[str, Any]) -> str:
     return str(reply["text"]["en"])
 
 
-def test_view_level_permits_no_orders(rig: PanelRig) -> None:
+def test_view_level_permits_no_other_orders(rig: PanelRig) -> None:
     before = list(rig.hmi.audits)
     with rig.browser() as browser:
         assert browser.view["me"] == {"level": "view"}
@@ -59,6 +61,18 @@ def test_view_level_permits_no_orders(rig: PanelRig) -> None:
             assert english(browser.order(**order)) == "Maintenance login required", order
     assert rig.hmi.audits == before
     assert rig.panel.operator.refused == len(ORDERS) + len(MAINTAIN_ORDERS)
+
+
+@pytest.mark.parametrize("command", ["stop", "hold"])
+def test_stop_and_hold_need_no_login_on_the_panel_computer(tmp_path: Path, command: str) -> None:
+    twin = switched_on(mode=Mode.MANUAL)
+    twin.home()
+    twin.start()
+    with PanelRig(tmp_path, twin) as rig, rig.browser() as browser:
+        assert browser.view["me"] == {"level": "view"}
+        assert browser.order(type="command", command=command)["ok"] is True
+        browser.until(lambda view: view["machine"]["state"] != State.EXECUTE)
+        assert [row[1:] for row in rig.hmi.audits] == [("view", command, "1", "done")]
 
 
 def test_operate_level_permits_neither_jog_nor_forcing(rig: PanelRig) -> None:
@@ -123,6 +137,20 @@ def test_an_order_that_arrives_late_is_not_executed(rig: PanelRig, monkeypatch: 
         ]
         assert too_late not in [browser.order(**order, seen=0)["text"]["en"] for order in halts]
     assert rig.twin.plc.read(rig.twin.machine.tags.machine.mode) == Mode.STEP
+
+
+def test_an_order_that_halts_waits_for_no_other(rig: PanelRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither for a place among the pending orders, nor for the outcome of an order before it."""
+    monkeypatch.setattr(sockets, "MAX_PENDING", 1)
+    monkeypatch.setattr(operator, "OUTCOME_SCANS", 1 << 30)
+    monkeypatch.setattr(operator, "OUTCOME_MS", 3_000)
+    with rig.browser("operate") as browser:
+        waiting = browser.send(type="command", command="mode_step")
+        busy = browser.send(type="command", command="mode_manual")
+        browser.send(type="command", command="abort")
+        assert browser.reply(busy)["text"]["en"] == REPLIES["busy"].en
+        browser.until(lambda view: view["machine"]["state"] == State.ABORTED)
+        assert not browser.is_answered(waiting)
 
 
 def test_set_points(rig: PanelRig) -> None:
@@ -263,7 +291,7 @@ def test_any_text_is_an_order_or_refused(text: str) -> None:
         read_order(text)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     message=st.dictionaries(st.sampled_from(KEYS), JSON, max_size=8),
     type_=st.sampled_from(TYPES),

@@ -1,4 +1,4 @@
-"""Data of the page: mirror and its age, deltas, description, trends and metrics."""
+"""Data of the page: mirror and its age, deltas, description and metrics."""
 
 from __future__ import annotations
 
@@ -146,19 +146,6 @@ def test_histogram_buckets_are_cumulative(tmp_path: Path) -> None:
     assert f"{name}_sum 0.90035" in text
 
 
-def test_trends_return_the_samples_after_a_time(rig: PanelRig) -> None:
-    with rig.browser() as browser:
-        while len((trends := rig.here.get("/api/trends").json())["rows"]) < 5:
-            browser.read()
-    times = [row[0] for row in trends["rows"]]
-    assert trends["names"] == ["left.cycle_ms", "right.cycle_ms"]
-    assert len(times) >= 5
-    assert times == sorted(set(times))
-    later = rig.here.get(f"/api/trends?since={times[2]}").json()["rows"]
-    assert later[0][0] == times[3]
-    assert rig.here.get("/api/trends?since=x").status_code == 400
-
-
 def test_description_is_complete() -> None:
     machine = build(load_io_map(DEFAULT_IO_MAP))
     description = json.loads(json.dumps(describe(machine, None)))
@@ -194,6 +181,7 @@ def test_missing_history_is_reported(rig: PanelRig) -> None:
 
 
 HEADING = "name,table,address,words,scale,signed,none,writable,meaning\n"
+LIMITED = "name,table,address,low,high\n"
 TAGS = HEADING + (
     "left.slide_mm,input,12,1,0.1,1,0,0,slide\n"
     "total,input,9,1,1,0,0,0,seedlings\n"
@@ -220,7 +208,6 @@ def test_telemetry_is_shown_and_the_box_can_be_operated(tmp_path: Path) -> None:
             view = browser.until(lambda view: view["link"]["telemetry"] and view["telemetry"]["total"] is not None)
             assert view["telemetry"]["total"] == plant.counts().total
             assert view["telemetry"]["last_write_ms"] is None
-            assert "left.slide_mm" in rig.here.get("/api/trends").json()["names"]
             assert browser.order(type="box", button="start", pressed=True)["ok"] is True
             browser.until(lambda view: view["telemetry"]["box.start"] == 1)
             assert not browser.order(type="box", button="reset", pressed=True)["ok"]
@@ -237,6 +224,8 @@ def test_telemetry_is_shown_and_the_box_can_be_operated(tmp_path: Path) -> None:
         (HEADING + "a,input,1,3,1,0,0,0,m\n", "tags.csv:2: words"),
         (HEADING + "a,input,1,1,1,0,0,0,m,more\n", "tags.csv:2: more cells"),
         ("name,table,address,colour\na,input,1,red\n", "tags.csv:2: colour: unknown column"),
+        (LIMITED + "a,input,1,low,\n", "tags.csv:2: low"),
+        (LIMITED + "a,input,1,,inf\n", "tags.csv:2: high"),
         (HEADING + 2 * "a,input,1,1,1,0,0,0,m\n", "duplicate tag a"),
     ],
 )

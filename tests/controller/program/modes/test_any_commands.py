@@ -173,7 +173,7 @@ def rare(side: Side) -> dict[str, tuple[Act, ...]]:
 
 
 STEPS = {bit.name for sequence in MACHINE.program.sequences() for bit, _ in sequence}
-SEARCH = settings(deadline=None, database=None, max_examples=500, suppress_health_check=[HealthCheck.too_slow])
+SEARCH = settings(database=None, max_examples=500, suppress_health_check=[HealthCheck.too_slow])
 
 
 def search(rig: Rig, how: settings) -> None:

@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.controller.hmi.panel.page.panel_page_rig import PASSWORDS, LiveMachine, PanelProcess
-from tests.controller.hmi.panel.page.screen import PAGES, Screen, Station, chromium, started
+from tests.controller.hmi.panel.page.screen import Screen, Station, chromium, started
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +49,9 @@ def screens(stopped: Station, browser: Browser) -> Iterator[dict[str, Screen]]:
 
 @pytest.fixture(params=["operate"])
 def screen(request: pytest.FixtureRequest, screens: dict[str, Screen]) -> Iterator[Screen]:
-    """Yield the page of a user, by default the operator, on its first tab."""
+    """Yield the page of a user, by default the operator, at the overview."""
     shared = screens[request.param]
-    shared.open(PAGES[0])
+    shared.open("overview")
     yield shared
     unexpected, shared.unexpected[:] = [*shared.unexpected], []
     assert unexpected == []

@@ -191,10 +191,11 @@ class LiveMachine:
 SLOW_PANEL = f"""
 import sys
 from controller.cli.main import main
-from controller.hmi.panel.modbus import mirror
+from controller.hmi.panel.modbus import connection, mirror
 from controller.hmi.panel.orders import jog
 jog.LEASE_MS *= {SLOWER}
 mirror.STALE_MS *= {SLOWER}
+connection.ModbusConnection.__init__.__kwdefaults__["timeout_s"] *= 4 * {SLOWER}
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -228,6 +229,8 @@ class PanelProcess:
             str(tags),
             "--history",
             str(folder / "history.sqlite"),
+            "--trends",
+            str(folder / "trends.sqlite"),
             "--users",
             str(users),
             *options,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, Self
 from urllib.parse import urlsplit
 
-from playwright.sync_api import Browser, Locator, Page, Route, expect, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, Route, ViewportSize, expect, sync_playwright
 
 from controller.hmi.panel.view import texts
 from controller.program.operator.commands import JOG_LEASE_MS
@@ -24,7 +24,21 @@ FLAGS: Final = [
     "--disable-sync",
     "--no-first-run",
 ]
-PAGES: Final = ("overview", "alarms", "trends", "cycle", "steps", "io", "manual", "recovery", "parameters")
+CHROMIUM: Final = "/usr/bin/chromium"
+PAGES: Final = (
+    "cab",
+    "overview",
+    "alarms",
+    "recovery",
+    "manual",
+    "trays",
+    "trends",
+    "cycle",
+    "steps",
+    "io",
+    "parameters",
+)
+"""Pages with a tab, in their order."""
 TIMEOUT_MS: Final = 60_000
 AGAIN_MS: Final = 600
 """Time after which a tap is no longer the second one of a double tap, ms."""
@@ -38,7 +52,7 @@ expect.set_options(timeout=TIMEOUT_MS)
 def chromium(environment: dict[str, str | float | bool] | None = None) -> Iterator[Browser]:
     """Run the browser for the duration of a `with` block; None = with the environment of this process."""
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS, env=environment)
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS, env=environment)
         yield browser
         browser.close()
 
@@ -60,15 +74,24 @@ class Screen:
         locale: Language of the browser.
         slow: Whether the page's limit of outdated values is lengthened for a machine that `LiveMachine.slow` has
             slowed down.
+        touch: Whether the page is on a touch screen of 800 by 480 pixels.
 
     Attributes:
         unexpected: Console errors, and requests to hosts other than the panel.
     """
 
     def __init__(
-        self, browser: Browser, url: str, user: str | None = None, locale: str = "en-US", *, slow: bool = False
+        self,
+        browser: Browser,
+        url: str,
+        user: str | None = None,
+        locale: str = "en-US",
+        *,
+        slow: bool = False,
+        touch: bool = False,
     ) -> None:
-        self._context = browser.new_context(viewport={"width": 1280, "height": 800}, locale=locale)
+        viewport: ViewportSize = {"width": 800, "height": 480} if touch else {"width": 1280, "height": 800}
+        self._context = browser.new_context(viewport=viewport, has_touch=touch, locale=locale)
         if user is not None:
             data = {"user": user, "password": PASSWORDS[user]}
             answer = self._context.request.post(f"{url}/api/login", data=data, headers={"origin": url})
@@ -114,8 +137,24 @@ class Screen:
         return self.page.locator(selector, has=has)
 
     def open(self, page: str) -> None:
-        self.find(f"[role=tab][data-page={page}]").click()
+        """Open a page by its tab, or by its key in the menu of the cab."""
+        tab = self.find(f"[role=tab][data-page={page}]")
+        self.find("main").wait_for(state="attached")
+        if not tab.is_visible():
+            self.find(".keys [data-page=menu]").click()
+            tab = self.find(f".menu [data-page={page}]")
+        tab.click()
         expect(self.find(f"main[data-page={page}]")).to_be_visible()
+
+    def select_language(self, language: str) -> None:
+        """Select a language in the header, or in the menu of the cab."""
+        choice = self.find("[data-action=language]")
+        self.find("main").wait_for(state="attached")
+        if choice.is_visible():
+            choice.select_option(language)
+            return
+        self.find(".keys [data-page=menu]").click()
+        self.find(f".menu [data-language-key={language}]").click()
 
     def press(self, selector: str) -> None:
         """Press a button as soon as it is available."""

@@ -60,7 +60,7 @@ def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> No
 
 REFUSE_LATE: Final = """async () => {
   const { app } = await import("/static/app.js");
-  const { jogButton } = await import("/static/controls.js");
+  const { jogButton } = await import("/static/controls/buttons.js");
   const sent = [];
   app.link.order = (message) => new Promise((reply) => sent.push({ hold: message.hold, reply }));
   const holding = async (number) => {

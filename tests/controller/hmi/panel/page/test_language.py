@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -130,33 +131,33 @@ def fonts_of(session: CDPSession, selector: str) -> set[tuple[str, bool]]:
     return {(font["familyName"].removesuffix(" Thin"), font["isCustomFont"]) for font in fonts}
 
 
-def test_chinese_is_drawn_with_the_font_of_the_page_and_all_else_with_those_of_the_computer(chinese: Screen) -> None:
+def test_every_letter_is_drawn_with_a_font_of_the_page(chinese: Screen) -> None:
     session = chinese.page.context.new_cdp_session(chinese.page)
     for domain in ("DOM", "CSS"):
         session.send(f"{domain}.enable")
     for selector in ("h1", "[data-command=start]", "[data-fact=mode]", "[data-fact=next-press]"):
         assert ("Noto Sans SC", True) in fonts_of(session, selector), selector
     for selector in ("[data-fact=next-press]", "[data-box=start]"):
-        assert ("DejaVu Sans", False) in fonts_of(session, selector), f"{selector} contains digits and letters"
+        assert ("Roboto Condensed", True) in fonts_of(session, selector), f"{selector} contains digits and letters"
     chinese.open("trends")
     chinese.page.wait_for_function(
-        "() => document.fonts.size === 2 && [...document.fonts].every((one) => one.status === 'loaded')"
+        "() => document.fonts.size === 4 && [...document.fonts].every((one) => one.status === 'loaded')"
     )
     chinese.page.wait_for_function(CHARTS_DRAWN)
     chinese.open("overview")
 
 
-def test_a_chart_ends_at_0_s_and_has_no_negative_clamp_force(stopped: Station, chinese: Screen) -> None:
+def test_the_clamp_force_is_read_with_the_clock_and_is_not_negative(stopped: Station, chinese: Screen) -> None:
     forces = stopped.live.plant.call(
         lambda: [arm.claws.clamp_n for arm in stopped.live.plant.server.module.plant.arms.values()]
     )
     assert max(forces) < -1.0, "the claws are held open"
     chinese.open("trends")
     chart = chinese.find(".chart").filter(has_text=TEXTS["trends.clamp"].zh)
-    canvas = chart.locator("canvas")
-    expect(canvas).to_be_visible()  # once the first values have arrived
-    box = canvas.bounding_box()
+    expect(chart.locator("canvas")).to_be_visible()  # once the first values have arrived
+    area = chart.locator(".u-over")
+    box = area.bounding_box()
     assert box is not None
-    canvas.hover(position={"x": box["width"] - 1, "y": box["height"] / 2})
-    expect(chart.locator(".chart-reading")).to_have_text("0 秒：左 0.0，右 0.0 N")
+    area.hover(position={"x": box["width"] - 1, "y": box["height"] / 2})
+    expect(chart.locator(".chart-reading")).to_have_text(re.compile(r"^\d\d:\d\d:\d\d：左 0\.0，右 0\.0 N$"))
     chinese.open("overview")

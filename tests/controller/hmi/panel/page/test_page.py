@@ -128,9 +128,10 @@ def test_first_run_asks_for_both_passwords_and_the_page_survives_a_restart(
 def test_view_level_is_asked_to_log_in(stopped: Station, browser: Browser) -> None:
     with Screen(browser, stopped.panel.url) as screen:
         expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
-        button = screen.find("[data-command=stop]")
-        press_unavailable(button)
-        expect(screen.find("[data-part=notice]")).to_contain_text(texts.TEXTS["why.operate"].en)
+        press_unavailable(screen.find("[data-command=abort]"))
+        expect(screen.find("[data-part=notice]")).to_contain_text("Operator login required")
+        press_unavailable(screen.find("[data-command=hold]"))
+        expect(screen.find("[data-part=notice]")).to_contain_text("Cannot hold")  # only because of the state
         screen.open("io")
         expect(screen.find("[data-force]").first).to_be_hidden()
 
@@ -142,7 +143,7 @@ def test_parameter_is_checked_before_it_is_sent(stopped: Station, screen: Screen
     row = screen.find("[data-set-point=settle]")
     for value, message in (("5", "50 to 2000"), ("205", "multiple of 10"), ("-1", "number"), ("", "number")):
         row.locator("input").fill(value)
-        row.locator("button").click()
+        row.locator("button[type=submit]").click()
         expect(row.locator("[role=alert]")).to_contain_text(message)
     assert live.runtime.plc.read(settle) == 10
     row.locator("input").fill("300")
@@ -151,7 +152,7 @@ def test_parameter_is_checked_before_it_is_sent(stopped: Station, screen: Screen
     expect(screen.find("[data-fact=settle]")).to_have_text("300 ms")
     expect(screen.find(".notice")).to_have_text("✓ Done")
     row.locator("input").fill("5")
-    row.locator("button").click()
+    row.locator("button[type=submit]").click()
     expect(screen.find(".notice")).to_have_text("✕ Enter 50 to 2000")
     expect(screen.find("[data-set-point=arms_may_meet] input")).to_have_count(0)
 
@@ -284,7 +285,7 @@ def test_a_tap_on_an_alarm_opens_its_help(stopped: Station, screen: Screen) -> N
 
 SHOW_ALARMS = """async ([rows]) => {
   const { app } = await import("/static/app.js");
-  const { AlarmsPage } = await import("/static/alarms.js");
+  const { AlarmsPage } = await import("/static/pages/alarms.js");
   const page = new AlarmsPage();
   page.node.id = "shown-alarms";
   document.querySelector("main").append(page.node);
@@ -360,7 +361,8 @@ def test_commands_that_halt_stand_apart_and_are_not_asked_about(stopped: Station
     names = screen.page.evaluate(
         "() => [...document.querySelectorAll('.halts button')].map((one) => one.dataset.command)"
     )
-    assert names == ["stop", "hold", "abort"]
+    assert names == [None, "stop", "hold"]  # the first one opens the menu
+    expect(screen.find(".apart button")).to_have_attribute("data-command", "abort")
     screen.press("[data-command=abort]")
     stopped.live.until_state(State.ABORTED)
     clear(screen, stopped.live)

@@ -10,7 +10,11 @@ from controller.hmi.panel.view import texts
 from controller.hmi.panel.web import app
 
 STATIC = app.STATIC
-SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in STATIC.glob("*.js")}
+SCRIPTS = {
+    path.relative_to(STATIC).as_posix(): path.read_text(encoding="utf-8")
+    for path in STATIC.rglob("*.js")
+    if STATIC / "foreign" not in path.parents
+}
 
 
 def test_every_text_key_of_the_scripts_exists() -> None:
