@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from prometheus_client.parser import text_string_to_metric_families
 
 from controller.core.clock import MonotonicClock
+from controller.core.devices import Memory
 from controller.core.expr import leaves
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import blocks
@@ -23,14 +24,17 @@ from controller.hmi.panel.view.describe import describe
 from controller.hmi.panel.view.state import delta
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
+from controller.program.operator.next_press import NextPress
 from controller.program.states import State
 from controller.program.tags import SIDES
+from controller.program.texts.next_press import NEXT_PRESSES
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from tests.controller.hmi.panel.panel_rig import PanelRig, apply
+from tests.controller.hmi.panel.test_chinese import MACHINE, view_builder
 from tests.plant_sim.twin.twin_rig import at_work
 
 VALUES = st.none() | st.booleans() | st.integers(0, 5) | st.lists(st.integers(0, 2), max_size=2)
@@ -64,16 +68,34 @@ def test_successive_deltas_reproduce_the_view(views: list[dict[str, Any]]) -> No
         assert (changes == {}) == (before == after)
 
 
+POLLED = {
+    ("C" if block.kind == "CN" else block.kind, number)
+    for block in blocks(MACHINE.io_map)
+    for number in range(block.first, block.first + block.count)
+}
+"""Devices that are read from the controller."""
+
+
 def test_every_condition_of_a_command_is_polled() -> None:
-    machine = build(load_io_map(DEFAULT_IO_MAP))
-    polled = {
-        ("C" if block.kind == "CN" else block.kind, number)
-        for block in blocks(machine.io_map)
-        for number in range(block.first, block.first + block.count)
-    }
-    for command in machine.tags.commands:
-        for obstacle in machine.orders.obstacles(command.bit):
-            assert {(leaf.kind, leaf.number) for leaf in leaves(obstacle.active)} <= polled, command.name
+    for command in MACHINE.tags.commands:
+        for obstacle in MACHINE.orders.obstacles(command.bit):
+            assert {(leaf.kind, leaf.number) for leaf in leaves(obstacle.active)} <= POLLED, command.name
+
+
+def test_every_word_of_the_view_is_polled(monkeypatch: pytest.MonkeyPatch) -> None:
+    builder, _ = view_builder()
+    read = set()
+    word = Memory.word
+
+    def recorded(memory: Memory, kind: str, number: int) -> int:
+        read.add((kind, number))
+        return word(memory, kind, number)
+
+    monkeypatch.setattr(Memory, "word", recorded)
+    builder.view()
+    frequency = MACHINE.tags.planting.frequency
+    assert (frequency.kind, frequency.number) in read
+    assert read - POLLED == set()
 
 
 def test_view_matches_the_controller(rig: PanelRig) -> None:
@@ -91,6 +113,19 @@ def test_view_matches_the_controller(rig: PanelRig) -> None:
         assert moved["arms"][side]["rows"]["1"] in (0, 1, 2, 3)
         assert not moved["commands"]["reset"]["free"]
         assert moved["commands"]["hold"] == {"free": True, "why": None}
+
+
+def test_what_to_do_now_does_not_repeat_the_alarm_of_the_banner() -> None:
+    builder, mirror = view_builder()
+    machine = MACHINE.tags.machine
+    alarm = next(alarm for alarm in MACHINE.alarms if alarm.stops_work)
+    mirror.memory.D[machine.next_press.number] = NextPress.REPAIR_AND_HOME
+    mirror.memory.D[machine.first_out.number] = alarm.bit.number
+    line = NEXT_PRESSES[NextPress.REPAIR_AND_HOME]
+    control = builder.view()["machine"]
+    assert control["next"] == {"en": line.en, "zh": line.zh}
+    assert control["isolate"]
+    assert control["next_command"] == "reset"
 
 
 def test_deltas_of_a_running_machine_reproduce_the_view(rig: PanelRig) -> None:

@@ -75,6 +75,16 @@ def test_it_offers_nothing_while_a_hand_may_be_in_the_machine(cab: TouchPage) ->
     assert cab.find(".next-command").bounding_box() == place
 
 
+def test_an_open_question_has_a_key_that_leads_to_its_answers(cab: TouchPage) -> None:
+    answer = cab.find("[data-cab=recovery]")
+    expect(answer).to_be_hidden()
+    question = {"questions": {"open": ["left_loaded"]}}
+    show(cab.page, question)
+    answer.tap()
+    show(cab.page, question)
+    expect(cab.find("[data-question=left_loaded] [data-command=left_loaded_yes]")).to_be_visible()
+
+
 def test_every_page_has_a_key_in_the_menu(cab: TouchPage) -> None:
     tabs = cab.find("[role=tab]").evaluate_all("tabs => tabs.map((tab) => tab.dataset.page)")
     cab.find(".keys [data-page=menu]").tap()

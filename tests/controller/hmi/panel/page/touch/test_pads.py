@@ -161,6 +161,9 @@ def test_the_pad_has_a_sign_and_a_point_only_for_a_set_point_that_has_them(stopp
         assert touch.page.evaluate("window.set") == [-45]
 
 
+GIVEN_WAY: Final = f"""() =>
+  document.querySelector(".notice").textContent !== "" && ({OVERLAPS})(".pad").length === 0"""
+"""Script that returns whether a notice is shown and the pad leaves it free."""
 SCREENS: Final = [(800, 480), (390, 844), (1280, 800)]
 """Widths and heights of a display in the cab, a telephone and a desk, px."""
 
@@ -178,7 +181,7 @@ def test_pad_and_dialog_lie_beside_the_strip_which_stays_in_reach(
         assert hold is not None
         touch.page.touchscreen.tap(hold["x"] + hold["width"] / 2, hold["y"] + hold["height"] / 2)
         expect(touch.find("[data-part=notice]")).to_contain_text("Cannot hold")
-        touch.page.wait_for_function(f"() => ({OVERLAPS})('.pad').length === 0")
+        touch.page.wait_for_function(GIVEN_WAY)
         if width == 800:
             touch.ask_login()
         else:
