@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from controller.cli.machine import add_io_map, machine_of
+from controller.common.document.rendering import reference_table, write_texts
 from controller.common.errors import InputError
 from controller.core.devices import PROGRAM_RANGES, free_spans
 from controller.core.expr import Bit, Word, readable
@@ -46,13 +46,6 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def table(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a Markdown table; vertical bars in cells are escaped."""
-    lines = ["| " + " | ".join(heading) + " |", "|" + "---|" * len(heading)]
-    lines += ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
-
-
 def io_table(machine: Transplanter) -> str:
     """Return a table of all points of the I/O map."""
     io_map = machine.io_map
@@ -82,7 +75,7 @@ def io_table(machine: Transplanter) -> str:
         for r in (*io_map.registers, *io_map.unwired_registers)
     ]
     heading = ("address", "tag", "meaning", "polarity", "safe", "Modbus", "")
-    return f"# I/O\n\n{GENERATED}\n\n{table(heading, rows)}"
+    return f"# I/O\n\n{GENERATED}\n\n{reference_table(heading, *rows)}"
 
 
 def step_tables(machine: Transplanter) -> str:
@@ -91,7 +84,7 @@ def step_tables(machine: Transplanter) -> str:
     for sequence in machine.program.sequences():
         rows = [_step_row(sequence, step) for _, step in sequence]
         heading = ("S", "step", "requests", "time or limit", "alarm", "goes to")
-        parts.append(f"## {sequence.name}\n\n{table(heading, rows)}")
+        parts.append(f"## {sequence.name}\n\n{reference_table(heading, *rows)}")
     return "\n".join(parts)
 
 
@@ -118,7 +111,7 @@ def alarm_table(machine: Transplanter) -> str:
     steps = "\n".join(f"{number}. {step.en}<br>{step.zh}" for number, step in enumerate(ISOLATION, 1))
     heading = ("S", "text", "文字", "effect", "no reset while")
     return (
-        f"# Alarms\n\n{GENERATED}\n\n{table(heading, rows)}\n## Isolation\n\nA check that begins with "
+        f"# Alarms\n\n{GENERATED}\n\n{reference_table(heading, *rows)}\n## Isolation\n\nA check that begins with "
         f"*{ISOLATE_FIRST.en}* ({ISOLATE_FIRST.zh}) sends a hand into the machine. These steps come before it "
         f"([hazards](../safety.md#before-reaching-into-the-machine)):\n\n{steps}\n\n{_alarm_help(machine)}"
     )
@@ -144,7 +137,7 @@ def _alarm_help(machine: Transplanter) -> str:
             texts = [f"{check.en}<br>{check.zh}" for check in checks]
             names = f"{cause.name.en}<br>{cause.name.zh}"
             rows.append((number + 1, names, "<br>".join(texts), f"{part.en}<br>{part.zh}", ", ".join(terminals)))
-        listed = table(("", "cause", "check", "part", "terminals"), rows)
+        listed = reference_table(("", "cause", "check", "part", "terminals"), *rows)
         title = ", ".join(str(alarm.bit) for alarm in alarms)
         parts.append(f"### {title}\n\n{meaning.en}<br>{meaning.zh}\n\n{listed}")
     return "\n".join(parts)
@@ -177,13 +170,13 @@ def command_table(machine: Transplanter) -> str:
         f"# Commands and set-points\n\n{GENERATED}\n\n## Commands\n\nA command is active for one scan. A "
         f"refused command has no effect; {control.refused} contains its number, {control.refusal} the number of the "
         f"reason, and {control.refusals} the number of refusals.\n\n"
-        f"{table(('number', 'device', 'command', 'PackML', 'function', 'refused because'), commands)}\n"
-        f"## Reasons\n\n{table(('number', 'reason', '原因'), reasons)}\n## Next useful press\n\n"
-        f"The number is stored in {control.next_press}.\n\n{table(('number', 'press', '操作'), presses)}\n"
+        f"{reference_table(('number', 'device', 'command', 'PackML', 'function', 'refused because'), *commands)}\n"
+        f"## Reasons\n\n{reference_table(('number', 'reason', '原因'), *reasons)}\n## Next useful press\n\n"
+        f"The number is stored in {control.next_press}.\n\n{reference_table(('number', 'press', '操作'), *presses)}\n"
         f"## Modes\n\nThe mode is stored in {control.mode} and retained through a loss of power.\n\n"
-        f"{table(('number', 'mode', '模式'), modes)}\n"
+        f"{reference_table(('number', 'mode', '模式'), *modes)}\n"
         "## Set-points\n\n"
-        f"{table(('device', 'set-point', 'default', 'range', 'meaning'), defaults)}"
+        f"{reference_table(('device', 'set-point', 'default', 'range', 'meaning'), *defaults)}"
     )
 
 
@@ -198,7 +191,8 @@ def state_tables(machine: Transplanter) -> str:
         (", ".join(s.name.title() for s in row.sources), row.target.name.title(), row.reason, readable(row.when))
         for row in machine.states
     ]
-    return f"# States\n\n{GENERATED}\n\nLater rows have priority.\n\n{table(('from', 'to', 'reason', 'when'), rows)}"
+    listed = reference_table(("from", "to", "reason", "when"), *rows)
+    return f"# States\n\n{GENERATED}\n\nLater rows have priority.\n\n{listed}"
 
 
 def interlock_tables(machine: Transplanter) -> str:
@@ -209,13 +203,13 @@ def interlock_tables(machine: Transplanter) -> str:
     for name, rules in machine.rule_groups.items():
         rows = [(rule.number, rule.name, rule.reason, ", ".join(rule.outputs), readable(rule.allow)) for rule in rules]
         title = f"{name} arm" if name in machine.rules else name
-        parts.append(f"## {title}\n\n{table(('', 'rule', 'reason', 'outputs', 'allowed while'), rows)}")
+        parts.append(f"## {title}\n\n{reference_table(('', 'rule', 'reason', 'outputs', 'allowed while'), *rows)}")
     spec = specification(machine)
     never = [(each.name, each.reason, readable(each.never)) for each in spec.requirements]
     parts.append(
         "## Proved requirements\n\n`python -m controller prove` proves that none of these conditions is true after any "
         "scan.\n\n"
-        f"{table(('requirement', 'reason', 'never'), never)}"
+        f"{reference_table(('requirement', 'reason', 'never'), *never)}"
     )
     assumed = "\n".join(f"{number}. {text}" for number, text in enumerate(spec.assumptions, 1))
     limits = [(each.name, each.reason, each.remedy, readable(each.condition)) for each in spec.limits]
@@ -223,7 +217,7 @@ def interlock_tables(machine: Transplanter) -> str:
         f"## Assumptions\n\nThe proofs rely on these statements about the machine.\n\n{assumed}\n\n"
         "## Limits\n\nNo program with the inputs of this machine can exclude these conditions. `python -m controller "
         "prove` shows a scan for each, and reports a condition that it can prove as an error in this list.\n\n"
-        f"{table(('condition', 'reason', 'remedy', 'when'), limits)}"
+        f"{reference_table(('condition', 'reason', 'remedy', 'when'), *limits)}"
     )
     return "\n".join(parts)
 
@@ -235,7 +229,7 @@ def device_table(machine: Transplanter) -> str:
         if device.name and device.kind not in "XYS":
             used.setdefault(f"{device.kind}{device.number:05}", device)
     rows = [(used[key], used[key].name, used[key].comment) for key in sorted(used)]
-    parts = (table(("device", "name", "meaning"), rows), _durability(machine), _free_devices(machine))
+    parts = (reference_table(("device", "name", "meaning"), *rows), _durability(machine), _free_devices(machine))
     return f"# Devices\n\n{GENERATED}\n\n" + "\n".join(parts)
 
 
@@ -249,7 +243,7 @@ def _durability(machine: Transplanter) -> str:
     heading = ("device", "name", *(", ".join(names) for names in targets.values()))
     return (
         "## Durability\n\nState of each retentive value after a loss of power, by target "
-        f"([ADR 9](../adr/0009-retentive-memory.md)):\n\n{meanings}\n\n{table(heading, rows)}"
+        f"([ADR 9](../adr/0009-retentive-memory.md)):\n\n{meanings}\n\n{reference_table(heading, *rows)}"
     )
 
 
@@ -265,7 +259,7 @@ def _free_devices(machine: Transplanter) -> str:
     return (
         "## Free numbers\n\nNeither the program nor the monitors of the proof use these devices. Numbers between two "
         "devices of one owner are reserved for this owner (`Area`). A number of a removed alarm is not used again.\n\n"
-        f"{table(('range', 'kind', 'free'), rows)}"
+        f"{reference_table(('range', 'kind', 'free'), *rows)}"
     )
 
 
@@ -287,8 +281,8 @@ def instruction_table(_: Transplanter) -> str:
         "are based on general knowledge and have not been checked against a Mitsubishi manual."
     )
     return (
-        f"# Instructions\n\n{GENERATED}\n\n{marks}\n\n{table(heading, rows)}\n## Special devices\n\n"
-        f"{table(('devices', 'function in the engine'), PROVIDED.items())}"
+        f"# Instructions\n\n{GENERATED}\n\n{marks}\n\n{reference_table(heading, *rows)}\n## Special devices\n\n"
+        f"{reference_table(('devices', 'function in the engine'), *PROVIDED.items())}"
     )
 
 
@@ -306,10 +300,4 @@ REFERENCE = {
 
 def write_reference(machine: Transplanter, folder: Path) -> list[Path]:
     """Write all tables and return the paths of the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, make in REFERENCE.items():
-        path = folder / name
-        path.write_text(make(machine), encoding="utf-8")
-        paths.append(path)
-    return paths
+    return write_texts(folder, {name: make(machine) for name, make in REFERENCE.items()})

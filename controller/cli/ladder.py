@@ -9,6 +9,7 @@ from pathlib import Path
 from controller.cli.fx_options import PROGRAM_FILE, add_cpu, add_modules, cpu_of, peripherals_of
 from controller.cli.ladder_export import add_export
 from controller.cli.ladder_live import add_live_arguments, is_live, run_live_program
+from controller.common.document.rendering import write_texts
 from controller.common.errors import InputError
 from controller.fx.drawing.ladder import draw
 from controller.fx.engine.parts import parts_of
@@ -94,8 +95,5 @@ def _draw(options: argparse.Namespace) -> int:
         pictures = draw(load_ladder(options.file, cpu_of(options)))
     except RecursionError:
         raise LadderError(f"{options.file}: a rung is nested too deeply to be drawn; split it with relays") from None
-    options.out.mkdir(parents=True, exist_ok=True)
-    for name, text in pictures.items():
-        (options.out / name).write_text(text, encoding="utf-8")
-    print("\n".join(str(options.out / name) for name in pictures))
+    print("\n".join(map(str, write_texts(options.out, pictures))))
     return 0

@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import IO, Self
 
 from controller.cli.machine import machine_of, read_constants
+from controller.common.document.rendering import write_texts
 from controller.common.errors import InputError
 from controller.core.program import Program
 from controller.program.machine import Transplanter
@@ -148,8 +149,7 @@ class StoryProcess:
 def _write(results: list[MutantResult], population: Counter[Kind], options: argparse.Namespace) -> None:
     command = f"python -m controller prove --mutants {options.mutants} --seed {options.seed} --out docs/reference"
     try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / "mutants.md").write_text(as_markdown(results, population, command), encoding="utf-8")
-        (options.out / "mutants.csv").write_text(as_csv(results), encoding="utf-8")
+        texts = {"mutants.md": as_markdown(results, population, command), "mutants.csv": as_csv(results)}
+        write_texts(options.out, texts)
     except OSError as error:
         raise InputError(f"--out {options.out}: {error.strerror}; choose a writable folder") from error

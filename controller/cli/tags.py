@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from controller.cli.docs import table
 from controller.cli.machine import add_io_map, machine_of
+from controller.common.document.rendering import reference_table, write_texts
 from controller.common.errors import InputError
 from controller.hmi.modbus.tag_list import COLUMNS, tag_csv, tag_rows
 from controller.program.machine import Transplanter
@@ -42,13 +42,9 @@ def run(options: argparse.Namespace) -> int:
 
 def tag_page(machine: Transplanter) -> str:
     """Return a Markdown page that lists the Modbus tags of the controller."""
-    return f"{TAGS_HEAD}\n{table(COLUMNS, tag_rows(machine))}"
+    return f"{TAGS_HEAD}\n{reference_table(COLUMNS, *tag_rows(machine))}"
 
 
 def write_tags(machine: Transplanter, folder: Path) -> list[Path]:
     """Write the tag list as a Markdown page and as CSV, and return the paths of the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    texts = {folder / "hmi-tags.md": tag_page(machine), folder / "hmi-tags.csv": tag_csv(machine)}
-    for path, text in texts.items():
-        path.write_text(text, encoding="utf-8")
-    return list(texts)
+    return write_texts(folder, {"hmi-tags.md": tag_page(machine), "hmi-tags.csv": tag_csv(machine)})

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from controller.commissioning.judge import UNTESTED, WireFinding, WireResult
 from controller.commissioning.texts import NOTES, REPORT, RESULTS, point_name, said
+from controller.common.document.parts import listing
+from controller.common.document.rendering import csv_text, markdown
 from controller.common.errors import InputError
 from controller.core.clock import utc_text
 from controller.iomap.digest import map_digest
@@ -67,15 +67,12 @@ class CheckReport:
 
     def csv_text(self) -> str:
         """Return the results as CSV."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for point in self.points:
-            found = self.finding(point.tag)
-            others = " ".join(self.io_map[tag].address for tag in found.others)
-            at = utc_text(self.at_ms[point.tag]) if point.tag in self.at_ms else ""
-            writer.writerow((point.address, point.tag, found.result.value, others, found.note, at))
-        return text.getvalue()
+        return csv_text(COLUMNS, map(self._record, self.points))
+
+    def _record(self, point: Point) -> tuple[str, ...]:
+        found = self.finding(point.tag)
+        others = " ".join(self.io_map[tag].address for tag in found.others)
+        return point.address, point.tag, found.result.value, others, found.note, self._at(point)
 
     def markdown(self, language: Language) -> str:
         """Return the report with lines for signatures."""
@@ -96,37 +93,33 @@ class CheckReport:
             "watchdog": t("yes" if self.watchdog_confirmed else "no"),
             "end": t(self.end),
         }
-        columns = ("address", "name", "result", "note", "at")
-        rows = [self._row(point, language) for point in self.points]
         people = [(t("tester"), self.tester), (t("witness"), "")]
-        return "\n".join(
-            [
-                f"# {t('title')}",
-                "",
-                *(f"- {t(key)}: {value}" for key, value in head.items()),
-                "",
-                f"**{t('summary', **{name: str(count) for name, count in counts.items()})}**",
-                "",
-                _table([t(column) for column in columns], rows),
-                "",
-                _table(
-                    ["", t("name") if language == "en" else "姓名", t("date"), t("signature")],
-                    [(role, name or "&nbsp;", "&nbsp;", "&nbsp;") for role, name in people],
-                ),
-                "",
-            ]
+        parts = (
+            "\n".join(f"- {t(key)}: {value}" for key, value in head.items()),
+            f"**{t('summary', **{name: str(count) for name, count in counts.items()})}**",
+            listing(
+                (t(column) for column in ("address", "name", "result", "note", "at")),
+                (self._row(point, language) for point in self.points),
+            ),
+            listing(
+                ("", t("name") if language == "en" else "姓名", t("date"), t("signature")),
+                ((role, name or "&nbsp;", "&nbsp;", "&nbsp;") for role, name in people),
+            ),
         )
+        return markdown(t("title"), parts, is_literal=False)
 
     def _row(self, point: Point, language: Language) -> tuple[str, ...]:
         found = self.finding(point.tag)
-        at = utc_text(self.at_ms[point.tag]) if point.tag in self.at_ms else ""
         return (
             point.address,
             point_name(point.tag, language),
             result_text(self.io_map, found, language),
             note_text(found, language),
-            at,
+            self._at(point),
         )
+
+    def _at(self, point: Point) -> str:
+        return utc_text(self.at_ms[point.tag]) if point.tag in self.at_ms else ""
 
 
 def result_text(io_map: IoMap, found: WireFinding, language: Language) -> str:
@@ -156,8 +149,3 @@ def write_report(report: CheckReport, folder: Path, language: Language) -> Path:
     except OSError as error:
         raise InputError(f"--out {folder}: {error.strerror}; choose a writable folder") from error
     return folder / f"{stem}.md"
-
-
-def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [heading, ["---"] * len(heading), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

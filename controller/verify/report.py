@@ -10,6 +10,7 @@ from enum import StrEnum
 from functools import partial
 from typing import Final, TypeVar
 
+from controller.common.document.rendering import aligned
 from controller.core.specification import ComputedProperty, PropertyResult, Specification
 from controller.verify.cells import ModelError
 from controller.verify.induction import Induction, Moment, Verdict, cause_of, describe_failure, unproved
@@ -105,8 +106,7 @@ class Report:
         lines = [f"{self.program}: {verdict} {len(self.rows)} goals, {self.seconds:.1f} s"]
         lines += self._assumption_lines()
         groups = Counter((row.kind, row.result) for row in self.rows)
-        width = max((len(kind) for kind, _ in groups), default=0)
-        lines += [f"{kind:<{width}}  {count:4d} {result}" for (kind, result), count in groups.items()]
+        lines += aligned([(kind, f"{count:4d} {result}") for (kind, result), count in groups.items()])
         checks = [row for row in self.rows if row.kind == CHECK and row.result in GOOD and row.lines]
         lines += [f"{row.name}: {row.result}, {row.lines[0]}" for row in checks]
         for row in bad:
@@ -121,15 +121,13 @@ class Report:
 
     def text(self) -> str:
         """Return the assumptions, a table, and the details of the goals that are not proved."""
-        width = max((len(row.name) for row in self.rows), default=0)
-        kind = max((len(row.kind) for row in self.rows), default=0)
-        result = max((len(row.result) for row in self.rows), default=0)
         lines = [*self._assumption_lines(), f"{self.program}: {len(self.rows)} goals, {self.seconds:.1f} s"]
+        cells = []
         for row in self.rows:
             explained = row.lines and (row.result is Result.POSSIBLE or (row.kind == CHECK and row.result in GOOD))
             explanation = f"  {row.lines[0]}" if explained else ""
-            columns = f"{row.name:<{width}}  {row.kind:<{kind}}  {row.result:<{result}}  {row.seconds:6.2f} s"
-            lines.append(columns + explanation)
+            cells.append((row.name, row.kind, row.result, f"{row.seconds:6.2f} s{explanation}"))
+        lines += aligned(cells)
         for row in self.rows:
             if row.result not in GOOD or row.result is Result.LISTED:
                 lines += row.details(row.lines)

@@ -10,6 +10,7 @@ from typing import Final
 
 import yaml
 
+from controller.common.document.rendering import reference_table, write_texts
 from controller.common.errors import InputError
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.cli.options import add_machine_arguments, check_machine_arguments
@@ -50,22 +51,15 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    heading, *body = rows
-    lines = ["| " + " | ".join(heading) + " |", "|" + "---|" * len(heading)]
-    lines += ["| " + " | ".join(row) + " |" for row in body]
-    return "\n".join(lines) + "\n"
-
-
 def plant_modbus_table() -> str:
     """Return the table of the plant's Modbus data, excluding the points of the I/O map."""
     box = [("coil", "button", "meaning"), *((str(c.offset), c.button, c.meaning) for c in BOX_COILS)]
     return (
         f"# The plant over Modbus\n\n{GENERATED}\n\nX points are discrete inputs and Y points are coils, at "
         f"the offsets given in `io_map.yaml` ([I/O](io.md)), on TCP and on a serial line.\n\n"
-        f"## Operator box\n\n{_table(box)}\n"
-        f"## Telemetry (input registers)\n\n{_table(telemetry_table())}\n"
-        f"## Profiles of PLCs\n\n{_PROFILES}\n\n{_table(_profile_rows())}"
+        f"## Operator box\n\n{reference_table(*box)}\n"
+        f"## Telemetry (input registers)\n\n{reference_table(*telemetry_table())}\n"
+        f"## Profiles of PLCs\n\n{_PROFILES}\n\n{reference_table(*_profile_rows())}"
     )
 
 
@@ -106,7 +100,7 @@ def _parameters(title: str, path: Path, columns: Sequence[str]) -> str:
     for section, entries in yaml.safe_load(path.read_text(encoding="utf-8")).items():
         rows = [("parameter", *columns)]
         rows += [(name, *(_cell(entry.get(column, "")) for column in columns)) for name, entry in entries.items()]
-        parts.append(f"## {section}\n\n{_table(rows)}")
+        parts.append(f"## {section}\n\n{reference_table(*rows)}")
     return "\n".join(parts)
 
 
@@ -116,7 +110,7 @@ def _cell(value: object) -> str:
 
 def fault_reference() -> str:
     """Return the table of fault kinds."""
-    return f"# Faults\n\n{GENERATED}\n\n{_table(fault_table())}"
+    return f"# Faults\n\n{GENERATED}\n\n{reference_table(*fault_table())}"
 
 
 _PAPERS: Final[Mapping[PaperName, str]] = {"pepper": "Pepper paper", "cabbage": "Cabbage paper"}
@@ -145,13 +139,13 @@ def papers_page() -> str:
         f"# Figures, equations and tables of the papers\n\n{GENERATED}\n\n"
         "The papers are listed in [machine.md](../sources/machine.md#papers). The tests run all commands "
         "and look for the stated results in their output; commands that take more than 10 s are run only by "
-        f"`scripts/test --nightly`.\n\n{_ITEM_LEGEND}\n{_table(summary)}"
+        f"`scripts/test --nightly`.\n\n{_ITEM_LEGEND}\n{reference_table(*summary)}"
     ]
     for paper, title in _PAPERS.items():
         parts.append(f"## {title}\n")
         for kind, heading in _ITEM_KINDS.items():
             items = [item for item in paper_items(paper) if item.item.startswith(kind)]
-            parts.append(f"### {heading} of the {title.lower()}\n\n{_table(_item_rows(items))}")
+            parts.append(f"### {heading} of the {title.lower()}\n\n{reference_table(*_item_rows(items))}")
     return "\n".join(parts)
 
 
@@ -184,11 +178,7 @@ def write_reference(folder: Path) -> list[Path]:
 
 
 def _write(pages: Mapping[str, Callable[[], str]], folder: Path) -> list[Path]:
-    texts = {name: make() for name, make in pages.items()}
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return [folder / name for name in texts]
+    return write_texts(folder, {name: make() for name, make in pages.items()})
 
 
 def _performance_of(path: Path) -> Callable[[], str]:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
-from matplotlib.figure import Figure
 
+from controller.common.document.parts import Drawing
 from controller.common.errors import InputError
 from plant_sim.common.whole_file import write_whole
 
@@ -63,7 +63,7 @@ def drawing() -> Iterator[None]:
         yield
 
 
-def save(figure: Figure, stem: Path) -> list[Path]:
+def save(figure: Drawing, stem: Path) -> list[Path]:
     """Write a figure as PNG and as SVG; equal figures give identical bytes.
 
     Args:
@@ -82,7 +82,7 @@ def save(figure: Figure, stem: Path) -> list[Path]:
     return paths
 
 
-def save_as(figure: Figure, path: Path) -> None:
+def save_as(figure: Drawing, path: Path) -> None:
     """Write a figure as PNG or SVG, depending on the suffix; equal figures give identical bytes.
 
     Raises:

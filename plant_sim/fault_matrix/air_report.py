@@ -6,8 +6,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from controller.common.document.parts import Heading, Part, listing
+from controller.common.document.rendering import aligned
 from plant_sim.fault_matrix.stored_air import CONDITIONS, AirOutcome
-from plant_sim.fault_matrix.table_files import markdown_table, write_table
+from plant_sim.fault_matrix.table_files import bullets, write_table
 
 HEADING = ("remedy", "condition", "arm", "device", "runs", "slide m/s", "lift m/s", "jump mm", "lost", "not as wanted")
 COLUMNS = (
@@ -50,16 +52,14 @@ class AirResult(NamedTuple):
         return f"{self.remedy}: {case.condition}, {case.side} arm at {case.at_ms} ms{device}: {'; '.join(problems)}"
 
 
-def markdown(results: Sequence[AirResult]) -> str:
-    """Return the table and the findings as Markdown."""
+def parts(results: Sequence[AirResult]) -> list[Part]:
+    """Return the page of the table: the table and the findings."""
     rows: dict[tuple[str, str, str, str], list[AirOutcome]] = {}
     for result in results:
         case = result.outcome.case
         rows.setdefault((result.remedy, case.condition, case.side, case.drive), []).append(result.outcome)
     cells = ((*key[:3], key[3] or "-", *_cells(outcomes)) for key, outcomes in rows.items())
-    lines = markdown_table(HEADING, cells)
-    findings = [f"- {finding}" for finding in all_findings(results)]
-    return "\n".join([*lines, "", "### Findings with stored air", "", *(findings or ["None."]), ""])
+    return [listing(HEADING, cells), Heading("Findings with stored air", 3), bullets(all_findings(results))]
 
 
 def all_findings(results: Iterable[AirResult]) -> list[str]:
@@ -78,7 +78,7 @@ def write_report(results: Sequence[AirResult], folder: Path) -> list[Path]:
     Raises:
         OSError: The folder is not writable.
     """
-    return write_table(folder, "stored-air", f"# Stored air\n\n{markdown(results)}", records(results), COLUMNS)
+    return write_table(folder / "stored-air", "Stored air", parts(results), records(results), COLUMNS)
 
 
 def summary(results: Sequence[AirResult], wall_s: float) -> str:
@@ -87,20 +87,16 @@ def summary(results: Sequence[AirResult], wall_s: float) -> str:
     for result in results:
         groups.setdefault((result.remedy, result.outcome.case.condition), []).append(result.outcome)
     findings = all_findings(results)
-    width = max(len(f"{remedy}: {condition}") for remedy, condition in groups)
-    return "\n".join(
-        [
-            f"{len(results)} cases in {wall_s:.0f} s",
-            *(
-                f"{f'{remedy}: {condition}':{width}}  slide {_fastest(outcomes, 'slide')} m/s, lift "
-                f"{_fastest(outcomes, 'lift')} m/s, {sum(not each.is_good for each in outcomes)} of {len(outcomes)} "
-                "not as wanted"
-                for (remedy, condition), outcomes in groups.items()
-            ),
-            f"findings: {len(findings) or 'none'}",
-            *findings,
-        ]
-    )
+    rows = [
+        (
+            f"{remedy}: {condition}",
+            f"slide {_fastest(outcomes, 'slide')} m/s, lift {_fastest(outcomes, 'lift')} m/s, "
+            f"{sum(not each.is_good for each in outcomes)} of {len(outcomes)} not as wanted",
+        )
+        for (remedy, condition), outcomes in groups.items()
+    ]
+    heading = f"{len(results)} cases in {wall_s:.0f} s"
+    return "\n".join([heading, *aligned(rows), f"findings: {len(findings) or 'none'}", *findings])
 
 
 def _record(result: AirResult) -> dict[str, object]:

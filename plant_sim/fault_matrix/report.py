@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+from controller.common.document.parts import Heading, Part, listing
 from plant_sim.fault_matrix.cases import Subject
 from plant_sim.fault_matrix.expected import Expectation, expectation
 from plant_sim.fault_matrix.judge import complaints
 from plant_sim.fault_matrix.run import Outcome
-from plant_sim.fault_matrix.table_files import markdown_table, write_table
+from plant_sim.fault_matrix.table_files import bullets, counted_names, extent, write_table
 
 HEADING = (
     "fault",
@@ -57,13 +58,12 @@ COLUMNS = (
     "findings",
 )
 SIZES_COLUMNS = COLUMNS[:-1]
-LEGEND = (
-    "After the fault: minimum, median and maximum time. In its step: maximum time for which the timed-out step had",
-    "been active, and its timeout. Lost: seedlings lost or left behind in excess of those of the undisturbed trial.",
-    "Presses: most presses from a stop to Execute of an operator who follows only the line that says what to do now,",
-    "without and with an isolation before the repair; in brackets, the most questions answered on the way.",
-    "Harm: trials in which a monitor tripped. Silent harm: those of them without any signal until their end.",
-)
+LEGEND = """\
+After the fault: minimum, median and maximum time. In its step: maximum time for which the timed-out step had
+been active, and its timeout. Lost: seedlings lost or left behind in excess of those of the undisturbed trial.
+Presses: most presses from a stop to Execute of an operator who follows only the line that says what to do now,
+without and with an isolation before the repair; in brackets, the most questions answered on the way.
+Harm: trials in which a monitor tripped. Silent harm: those of them without any signal until their end."""
 
 
 @dataclass(frozen=True)
@@ -117,17 +117,17 @@ class MatrixRow:
             f"`{self.subject}`",
             str(len(self.outcomes)),
             str(len(detected)),
-            _counted(signal.name for signal in signals) or "-",
+            counted_names(signal.name for signal in signals) or "-",
             f"{min(after_s):.1f} / {median(after_s):.1f} / {max(after_s):.1f}" if after_s else "-",
             f"{late.in_step_ms} of {late.limit_ms}" if late else "-",
-            _counted(outcome.state for outcome in self.outcomes),
-            _range([outcome.lost for outcome in self.outcomes]),
-            _range([outcome.in_doubt for outcome in self.outcomes]),
+            counted_names(outcome.state for outcome in self.outcomes),
+            extent([outcome.lost for outcome in self.outcomes]),
+            extent([outcome.in_doubt for outcome in self.outcomes]),
             f"{sum(outcome.recovered for outcome in self.outcomes)} of {len(self.outcomes)}",
             self._presses(),
             str(self.harmful or "-"),
             str(self.silently_harmful or "-"),
-            _counted(kind for outcome in self.outcomes for kind in outcome.trips) or "-",
+            counted_names(kind for outcome in self.outcomes for kind in outcome.trips) or "-",
             str(len(self.findings)) if self.findings else "-",
         )
 
@@ -172,21 +172,24 @@ def alarm_load(rows: Sequence[MatrixRow]) -> str:
     )
 
 
-def sizes_markdown(rows: Sequence[MatrixRow]) -> str:
-    """Return the matrix of other sizes, which have no expectation, as Markdown."""
-    lines = markdown_table(HEADING[:-1], (row.cells()[:-1] for row in rows))
-    return "\n".join([headline(rows), "", *lines, "", *LEGEND, ""])
+def sizes_parts(rows: Sequence[MatrixRow]) -> list[Part]:
+    """Return the page of other sizes, which have no expectation: the headline and the matrix."""
+    return [headline(rows), listing(HEADING[:-1], (row.cells()[:-1] for row in rows)), LEGEND]
 
 
-def markdown(rows: Sequence[MatrixRow]) -> str:
-    """Return the headline, the matrix, the limits of detection and the findings as Markdown."""
-    lines = [headline(rows), "", alarm_load(rows), "", *markdown_table(HEADING, (row.cells() for row in rows))]
-    lines += ["", *LEGEND]
-    notes = [f"- `{row.subject}`: {row.expected.note}" for row in rows if row.expected.note]
-    if notes:
-        lines += ["", "## Limits of detection", "", *notes]
-    findings = [f"- {finding}" for row in rows for finding in row.findings]
-    return "\n".join([*lines, "", "## Findings", "", *(findings or ["None."]), ""])
+def parts(rows: Sequence[MatrixRow]) -> list[Part]:
+    """Return the page of the matrix: the headline, the matrix, the limits of detection and the findings."""
+    notes = [f"`{row.subject}`: {row.expected.note}" for row in rows if row.expected.note]
+    limits: list[Part] = [Heading("Limits of detection"), bullets(notes)] if notes else []
+    return [
+        headline(rows),
+        alarm_load(rows),
+        listing(HEADING, (row.cells() for row in rows)),
+        LEGEND,
+        *limits,
+        Heading("Findings"),
+        bullets(finding for row in rows for finding in row.findings),
+    ]
 
 
 def records(rows: Iterable[MatrixRow]) -> list[dict[str, object]]:
@@ -200,7 +203,7 @@ def write_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
     Raises:
         OSError: The folder is not writable.
     """
-    return write_table(folder, "fault-matrix", f"# Fault matrix\n\n{markdown(rows)}", records(rows), COLUMNS)
+    return write_table(folder / "fault-matrix", "Fault matrix", parts(rows), records(rows), COLUMNS)
 
 
 def write_sizes_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
@@ -209,9 +212,9 @@ def write_sizes_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
     Raises:
         OSError: The folder is not writable.
     """
-    text = f"# Fault matrix: other sizes\n\n{sizes_markdown(rows)}"
+    title = "Fault matrix: other sizes"
     listed = [{name: value for name, value in record.items() if name in SIZES_COLUMNS} for record in records(rows)]
-    return write_table(folder, "fault-matrix-sizes", text, listed, SIZES_COLUMNS)
+    return write_table(folder / "fault-matrix-sizes", title, sizes_parts(rows), listed, SIZES_COLUMNS)
 
 
 def summary(rows: Sequence[MatrixRow], wall_s: float) -> str:
@@ -263,13 +266,3 @@ def _record(subject: Subject, outcome: Outcome) -> dict[str, object]:
         "monitors": [f"{kind}: {text}" for kind, text in outcome.trips.items()],
         "findings": complaints(subject, outcome),
     }
-
-
-def _counted(names: Iterable[str]) -> str:
-    """Return names with their frequencies, most frequent first."""
-    return ", ".join(f"{name} {count}" for name, count in Counter(names).most_common())
-
-
-def _range(numbers: Sequence[int]) -> str:
-    low, high = min(numbers), max(numbers)
-    return f"{low}" if low == high else f"{low} to {high}"

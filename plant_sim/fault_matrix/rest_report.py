@@ -7,11 +7,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from controller.common.document.parts import Heading, Part, listing
 from plant_sim.fault_matrix.at_rest import RestOutcome
 from plant_sim.fault_matrix.rest_expected import complaints, expectation_at_rest
 from plant_sim.fault_matrix.situations import Situation
 from plant_sim.fault_matrix.stops import STOPS
-from plant_sim.fault_matrix.table_files import markdown_table, write_table
+from plant_sim.fault_matrix.table_files import bullets, counted_names, extent, write_table
 
 HEADING = ("stop", "fault", "runs", "first signal", "harm", "lost", "repairs", "findings")
 COLUMNS = (
@@ -54,22 +55,25 @@ class RestResult(NamedTuple):
         return complaints(self.outcome)
 
 
-def markdown(results: Sequence[RestResult]) -> str:
-    """Return the table, the limits of detection and the findings as Markdown."""
+def parts(results: Sequence[RestResult]) -> list[Part]:
+    """Return the page of the table: the table, the limits of detection and the findings."""
     rows: dict[tuple[int, str], list[RestResult]] = {}
     order = {stop.name: number for number, stop in enumerate(STOPS)}
     for result in results:
         rows.setdefault((order[result.situation.stop], result.fault), []).append(result)
     cells = (_cells(STOPS[number].name, fault, rows[number, fault]) for number, fault in sorted(rows))
-    lines = markdown_table(HEADING, cells)
     notes = {
-        f"- `{result.fault or result.situation.stop}`: {note}"
+        f"`{result.fault or result.situation.stop}`: {note}"
         for result in results
         if (note := expectation_at_rest(result.outcome.case).note)
     }
-    lines += ["", "### Limits of detection at rest", "", *sorted(notes)] if notes else []
-    findings = [f"- {finding}" for finding in all_findings(results)]
-    return "\n".join([*lines, "", "### Findings at rest", "", *(findings or ["None."]), ""])
+    limits: list[Part] = [Heading("Limits of detection at rest", 3), bullets(sorted(notes))] if notes else []
+    return [
+        listing(HEADING, cells),
+        *limits,
+        Heading("Findings at rest", 3),
+        bullets(all_findings(results)),
+    ]
 
 
 def all_findings(results: Iterable[RestResult]) -> list[str]:
@@ -92,9 +96,8 @@ def write_report(results: Sequence[RestResult], folder: Path) -> list[Path]:
     Raises:
         OSError: The folder is not writable.
     """
-    return write_table(
-        folder, "fault-matrix-at-rest", f"# Fault matrix at rest\n\n{markdown(results)}", records(results), COLUMNS
-    )
+    title = "Fault matrix at rest"
+    return write_table(folder / "fault-matrix-at-rest", title, parts(results), records(results), COLUMNS)
 
 
 def summary(results: Sequence[RestResult], wall_s: float) -> str:
@@ -147,19 +150,9 @@ def _cells(stop: str, fault: str, results: Sequence[RestResult]) -> tuple[str, .
         stop,
         f"`{fault}`" if fault else "none",
         str(len(outcomes)),
-        _counted(outcome.signal for outcome in outcomes if outcome.signal) or "-",
-        _counted(kind for outcome in outcomes for kind in outcome.trips) or "-",
-        _range([outcome.lost for outcome in outcomes]),
-        _range([outcome.rounds for outcome in outcomes]),
+        counted_names(outcome.signal for outcome in outcomes if outcome.signal) or "-",
+        counted_names(kind for outcome in outcomes for kind in outcome.trips) or "-",
+        extent([outcome.lost for outcome in outcomes]),
+        extent([outcome.rounds for outcome in outcomes]),
         str(findings) if findings else "-",
     )
-
-
-def _counted(names: Iterable[str]) -> str:
-    """Return names with their frequencies, most frequent first."""
-    return ", ".join(f"{name} {count}" for name, count in Counter(names).most_common())
-
-
-def _range(numbers: Sequence[int]) -> str:
-    low, high = min(numbers), max(numbers)
-    return f"{low}" if low == high else f"{low} to {high}"

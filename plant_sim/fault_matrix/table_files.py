@@ -2,50 +2,54 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+
+from controller.common.document.parts import Part
+from controller.common.document.rendering import csv_text, markdown, write_texts
 
 Record = Mapping[str, object]
 """One case as a flat record; a value may be a list of texts."""
 
 
-def markdown_table(heading: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
-    """Return the lines of a Markdown table."""
-    return [_line(cells) for cells in (heading, ["---"] * len(heading), *rows)]
+def counted_names(names: Iterable[str]) -> str:
+    """Return names with their frequencies, most frequent first."""
+    return ", ".join(f"{name} {count}" for name, count in Counter(names).most_common())
+
+
+def extent(numbers: Sequence[int]) -> str:
+    """Return the smallest and the largest number as text, or the number if all are equal."""
+    low, high = min(numbers), max(numbers)
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def bullets(lines: Iterable[str]) -> str:
+    """Return a Markdown list; ``None.`` if it is empty."""
+    return "\n".join(f"- {line}" for line in lines) or "None."
 
 
 def as_csv(records: Iterable[Record], columns: Sequence[str]) -> str:
     """Return every case as one line of CSV; lists are separated by semicolons."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(
-        {key: "; ".join(value) if isinstance(value, list) else value for key, value in record.items()}
-        for record in records
-    )
-    return text.getvalue()
+    return csv_text(columns, ([_cell(record[name]) for name in columns] for record in records))
 
 
 def write_table(
-    folder: Path, name: str, markdown: str, records: Sequence[Record], columns: Sequence[str]
+    stem: Path, title: str, parts: Iterable[Part], records: Sequence[Record], columns: Sequence[str]
 ) -> list[Path]:
-    """Write a table to a folder; return the files.
+    """Write a page with a table, and its cases, to the files of a stem; return the files.
 
     Raises:
         OSError: The folder is not writable.
     """
     texts = {
-        f"{name}.md": markdown,
-        f"{name}.csv": as_csv(records, columns),
-        f"{name}.json": json.dumps(records, indent=1) + "\n",
+        ".md": markdown(title, parts, is_literal=False),
+        ".csv": as_csv(records, columns),
+        ".json": json.dumps(records, indent=1) + "\n",
     }
-    for file, text in texts.items():
-        (folder / file).write_text(text, encoding="utf-8")
-    return [folder / file for file in texts]
+    return write_texts(stem.parent, {f"{stem.name}{ending}": text for ending, text in texts.items()})
 
 
-def _line(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def _cell(value: object) -> object:
+    return "; ".join(value) if isinstance(value, list) else value

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
+from controller.common.document.rendering import write_texts
 from plant_sim.hil.bench_run import CaseResult, CaseVerdict
 
 _STYLE: Final = (
@@ -105,8 +106,4 @@ def page(
 
 def write(folder: Path, xml: bytes, html: str) -> list[Path]:
     """Write ``hil.xml`` and ``hil.html`` to a folder, which is created; return their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / "hil.xml", folder / "hil.html"]
-    paths[0].write_bytes(xml)
-    paths[1].write_text(html, encoding="utf-8")
-    return paths
+    return write_texts(folder, {"hil.xml": xml.decode(), "hil.html": html})

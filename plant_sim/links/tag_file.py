@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
-
+from controller.common.document.rendering import csv_text
 from plant_sim.links.box import BOX_COILS
 from plant_sim.links.telemetry import TELEMETRY
 from plant_sim.machine.parameters import Machine, load_machine
@@ -22,19 +20,14 @@ def tag_csv(machine: Machine | None = None) -> str:
         machine: Parameters of the machine, from which the limits are taken; None = those of the package.
     """
     lowest = _lowest(load_machine() if machine is None else machine)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    rows: list[tuple[object, ...]] = []
     for point in TELEMETRY:
         flags = (_yes(point.signed), _yes(point.may_be_none), _yes(False))
-        limits = (lowest.get(point.name, ""), "")
-        writer.writerow(
-            (point.name, "input", point.offset, point.words, f"{point.scale:g}", *flags, *limits, point.meaning)
-        )
-    for coil in BOX_COILS:
-        flags = (_yes(False), _yes(False), _yes(True))
-        writer.writerow((f"box.{coil.button}", "coil", coil.offset, 1, 1, *flags, "", "", coil.meaning))
-    return text.getvalue()
+        place = (point.name, "input", point.offset, point.words, f"{point.scale:g}")
+        rows.append((*place, *flags, lowest.get(point.name, ""), "", point.meaning))
+    flags = (_yes(False), _yes(False), _yes(True))
+    rows += [(f"box.{coil.button}", "coil", coil.offset, 1, 1, *flags, "", "", coil.meaning) for coil in BOX_COILS]
+    return csv_text(COLUMNS, rows)
 
 
 def _lowest(machine: Machine) -> dict[str, str]:

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
+from controller.common.document.parts import Heading, Picture, Table
 from plant_sim.common.figure_style import COLOURS
 from plant_sim.line.file import DriveEntry, LineFile, SlipEntry, find_line, load_line
 from plant_sim.line.indices import planting_rates, spacing_indices
@@ -18,7 +19,6 @@ from plant_sim.line.run import run_line
 from plant_sim.machine.parameters import Machine
 from plant_sim.planter.falls import default_table
 from plant_sim.planter.scatter import Ground
-from plant_sim.study.report.parts import Heading, Picture, Table
 from plant_sim.study.report.study import Study
 
 LINE: Final = "cabbage"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, stdev
 from typing import Any, Final
 
+from controller.common.document.rendering import csv_text
 from plant_sim.twin.report import TrialReport, success_intervals
 
 SHARES: Final = {"S": "in_cups", "F_p": "P", "F_d": "D", "F_t": "T"}
@@ -101,17 +100,15 @@ class Repeats:
 
         The rates of an incomplete trial are left empty.
         """
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        ends = [f"{name}_{end}" for name in SHARES for end in ("low", "high")]
-        writer.writerow([*_COLUMNS, *SHARES, *ends, *_REST, "completed"])
+        rows = []
         for report in self.reports:
             shares = [getattr(report, name) for name in SHARES]
             shares += [end for name in SHARES for end in report.intervals[name]]
             cells = shares if report.completed else [None] * len(shares)
             counts, rest = ([getattr(report, name) for name in names] for names in (_COLUMNS, _REST))
-            writer.writerow([*counts, *cells, *rest, report.completed])
-        return text.getvalue()
+            rows.append([*counts, *cells, *rest, report.completed])
+        ends = [f"{name}_{end}" for name in SHARES for end in ("low", "high")]
+        return csv_text([*_COLUMNS, *SHARES, *ends, *_REST, "completed"], rows)
 
     def text(self) -> str:
         """Return the trials as a text table."""

@@ -16,6 +16,8 @@ import pytest
 from tests.machine_code import give_machine_code
 from tests.paths import DOCS, ROOT
 
+pytestmark = pytest.mark.nightly
+
 GUIDE: Final = (DOCS / "adding-a-device.md").read_text(encoding="utf-8")
 SOURCE_FILES: Final = 4
 NODE_MODULES: Final = "tests/controller/hmi/mitsubishi/node/node_modules"

@@ -84,6 +84,7 @@ def test_in_a_child():
 """
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("workers", first_of(["1", "0"]))
 def test_a_run_prints_the_processor_time_of_tests_and_their_processes(workers: str, tmp_path: Path) -> None:
     times = tmp_path / "times"

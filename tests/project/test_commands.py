@@ -77,7 +77,7 @@ forked(work, COMMAND_LINE.commands)
     return {name: set(modules) for name, modules in map(json.loads, done.stdout.splitlines())}
 
 
-@pytest.mark.parametrize("line", COMMAND_LINES, ids=lambda line: line.package)
+@pytest.mark.parametrize("line", first_of(COMMAND_LINES), ids=lambda line: line.package)
 def test_a_command_imports_only_its_own_dependencies(line: CommandLine) -> None:
     assert imported(line) == {
         name: {module for module, commands in OPTIONAL.items() if f"{line.package} {name}" in commands}
@@ -132,7 +132,7 @@ def work(case):
 """
 
 
-@pytest.mark.parametrize("package", NEEDING_AN_EXTRA)
+@pytest.mark.parametrize("package", first_of(NEEDING_AN_EXTRA))
 def test_a_missing_extra_is_one_line_with_the_install_command(package: str) -> None:
     cases = NEEDING_AN_EXTRA[package]
     hidden = {module for _, module in cases}

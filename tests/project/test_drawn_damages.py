@@ -135,6 +135,7 @@ NOT_IMPORTED = Outcome(4, "ImportError while loading conftest\n", 0.5, 0.0)
 HUNG = Outcome(None, "", 300.0, 0.0)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("damaged", "undamaged", "expected"),
     [
@@ -190,6 +191,7 @@ def test_a_damaged_file_of_results_is_one_line(tmp_path: Path, line: str, capsys
     assert capsys.readouterr().err.endswith(f"{path}: line 2: not a result of this command; delete the line\n")
 
 
+@pytest.mark.nightly
 def test_a_second_run_plants_only_new_damages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -231,6 +233,7 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SourceCopy:
     return SourceCopy(tmp_path / "copy", tmp_path / "checkout")
 
 
+@pytest.mark.nightly
 def test_a_planted_damage_is_detected_and_removed(copy: SourceCopy) -> None:
     file = copy.root / "controller/half.py"
     before = file.stat().st_mtime_ns, file.read_bytes()

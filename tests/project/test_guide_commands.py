@@ -1,7 +1,8 @@
 """Every command of every guide, executed as printed, in a separate folder for each page.
 
-By default, a command that is on several pages runs on the first of them, and of some commands only the options are
-checked; the complete pages run with ``--nightly``, but for commands of minutes or hours, which run with ``--weekly``.
+By default, every third page runs, a command that is on several pages runs on the first of them, and of some commands
+only the options are checked; the complete pages run with ``--nightly``, but for commands of minutes or hours, which run
+with ``--weekly``.
 The commands of a page run in order, because later ones read files that earlier ones have written. Files that a page
 expects its reader to have (``my.il``, ``my_map.yaml``, ...) are created beforehand. Servers use free ports and are
 stopped with Ctrl-C when they are ready.
@@ -36,6 +37,7 @@ from plant_sim.cli.main import main as plant_main
 from plant_sim.common.paper_items import PaperName, paper_items
 from tests.paths import DOCS, ROOT
 from tests.real_time import LIVE_RUN_OPTION, LOCK_STEP, SIMULATED, judge_live_run
+from tests.sampling import one_in
 
 PAGES: Final = {
     page.relative_to(ROOT).as_posix(): page
@@ -326,7 +328,7 @@ def check(name: str, commands: list[str], folder: Path, capsys: pytest.CaptureFi
                 json.loads(output)
 
 
-@pytest.mark.parametrize("name", BY_DEFAULT)
+@pytest.mark.parametrize("name", one_in(3, BY_DEFAULT))
 def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(name, BY_DEFAULT[name], folder, capsys)
 

@@ -132,7 +132,7 @@ def machine(tmp_path: Path) -> Iterator[Machine]:
 
 
 FROM_NOTHING = ["venv", "pip .[dev]", "npm"]
-DEBIAN_TOOLS = ["mbpoll", "chromium", "npm"]
+DEBIAN_TOOLS = ["mbpoll", "chromium", "chromium-headless-shell", "npm"]
 """Debian packages that the tests need."""
 
 

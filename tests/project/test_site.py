@@ -14,6 +14,8 @@ import pytest
 from tests.paths import DOCS, ROOT
 from tests.real_time import COMMAND_S
 
+pytestmark = pytest.mark.nightly
+
 ELSEWHERE = re.compile(
     r"<(?:script|img|link rel=\"stylesheet\"|link rel=\"preconnect\")[^>]*(?:src|href)=\"https?://[^\"]*"
 )

@@ -18,7 +18,7 @@ from tests.suite.parts import TABLE, Case, PartError, part_of, parts, problems, 
 from tests.suite.selection import Selection
 
 CHECKS = ["ruff check .", "ruff format --check .", "mypy", "lint-imports"]
-PYTEST = "pytest -n 3 --dist worksteal"
+PYTEST = "pytest -c pyproject.toml -n 4 --dist worksteal"
 TOOL = """#!/usr/bin/env bash
 echo "$(basename "$0") $*" | sed 's/ $//' >>"{log}"
 case "$(basename "$0") $*" in *"$FAILING"*) exit 3 ;; esac
@@ -166,6 +166,11 @@ def test_a_table_that_fits_has_no_problems() -> None:
     assert problems(GOOD, CONTENT) == []
 
 
+def test_a_reason_can_be_that_of_a_file() -> None:
+    long = [case(f"tests/a/test_a.py::test_{name}", "nightly") for name in ("one", "two")]
+    assert problems([*long, *GOOD[2:]], CONTENT | {"reasons": {"tests/a/test_a.py": "long"}}) == []
+
+
 @pytest.mark.parametrize(
     ("cases", "content", "expected"),
     [
@@ -177,6 +182,8 @@ def test_a_table_that_fits_has_no_problems() -> None:
         ([*GOOD, case("tests/a/test_a.py::test_new", "weekly")], {}, "test_a.py::test_new: no case in the default run"),
         ([*GOOD, case("tests/a/test_a.py::test_long")], {}, "test_long: has a case in the default run, or is gone"),
         (GOOD[1:], {}, "test_long: has a case in the default run, or is gone"),
+        (GOOD, {"reasons": {"tests/a/test_a.py": "long"}}, "tests/a/test_a.py: has a case in the default run"),
+        (GOOD, {"reasons": {"tests/a/test": "long"}}, "tests/a/test: has a case in the default run, or is gone"),
         ([*GOOD, case("tests/c/test_c.py::test_long", "nightly")], {}, "tests/c/test_c.py: in 0 nightly parts"),
         (GOOD, {"weekly": {"all": ["tests/a"]}}, "tests/b/test_b.py: in 0 weekly parts"),
         (GOOD, {"nightly": {"one": ["tests/a"], "two": ["tests"]}}, "tests/a/test_a.py: in 2 nightly parts"),

@@ -24,8 +24,10 @@ USAGE: Final = "scripts/test [--nightly [PART] | --weekly [PART] | --changed [RE
 ALL: Final = "all"
 CHECKS: Final = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",), ("lint-imports",))
 TOOLS: Final = Path(sys.executable).parent
-WORKERS: Final = ("-n", "3", "--dist", "worksteal")
-"""Three workers for two cores: tests wait for processes and browsers during a fifth of the time."""
+SETTINGS: Final = ("-c", "pyproject.toml")
+"""Named because pytest looks for its settings at a file that exists among its arguments, such as that of an option."""
+WORKERS: Final = ("-n", "4", "--dist", "worksteal")
+"""Four workers for two cores: tests wait for processes and browsers during a fifth of the time."""
 ENDING_S: Final = 30
 """Time in which an interrupted tool must end by itself, s."""
 INTERRUPTED: Final = 128 + signal.SIGINT
@@ -59,7 +61,7 @@ def main(arguments: Sequence[str], tools: Tools) -> int:
     for run in runs:
         if run.title:
             _say(run.title)
-        if code := tools.code(("pytest", *WORKERS, *run.options)):
+        if code := tools.code(("pytest", *SETTINGS, *WORKERS, *run.options)):
             return code
     return 0
 

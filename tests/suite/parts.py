@@ -1,8 +1,8 @@
 """Parts of the nightly and the weekly tests, and the reasons why a test is not in the default run.
 
 The table is ``parts.yaml``. A part is a list of test files and folders, and each nightly or weekly test belongs to
-exactly one part. Every test function without a case in the default run is listed with a reason. A run of all tests
-checks the table (plugin of pytest).
+exactly one part. Every test function without a case in the default run is listed with a reason, or its file is if that
+holds for all its functions. A run of all tests checks the table (plugin of pytest).
 """
 
 from __future__ import annotations
@@ -108,8 +108,13 @@ def problems(cases: Iterable[Case], content: Mapping[str, Any]) -> list[str]:
                 found.append(f"{case.file}: in {owners} {mark} parts; list it in exactly one")
     outside = {function for function, marks in by_function.items() if frozenset() not in marks}
     reasons: Mapping[str, str] = content["reasons"]
-    found += [f"{name}: no case in the default run; give the reason" for name in outside - reasons.keys()]
-    found += [f"{name}: has a case in the default run, or is gone; delete it" for name in reasons.keys() - outside]
+    covered = {
+        name: {function for function in by_function if f"{function}::".startswith(f"{name}::")} for name in reasons
+    }
+    unexplained = outside.difference(*covered.values())
+    found += [f"{name}: no case in the default run; give the reason" for name in unexplained]
+    outdated = [name for name, functions in covered.items() if not functions or not functions <= outside]
+    found += [f"{name}: has a case in the default run, or is gone; delete it" for name in outdated]
     return sorted({f"{TABLE.name}: {line}" for line in found})
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from typing import Final
 
+from controller.common.document.rendering import csv_text
 from controller.core.program import Program
 from controller.export.packages.package import PackageSource
 from controller.export.runtime_parts.part import CONSTANT_BITS, LINK_LOST, SCAN_MS
@@ -70,14 +69,12 @@ def constant_bits(program: Program, *, link: bool) -> str:
 
 def addresses_csv(variables: Variables) -> bytes:
     """Return the table of the variables with an address."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\r\n")
-    table.writerow(("variable", "address", "type", "retained", "meaning"))
-    for variable in variables.all():
-        if variable.address:
-            retained = "yes" if variable.retain else "no"
-            table.writerow((variable.name, variable.address, variable.type, retained, variable.comment))
-    return text.getvalue().encode()
+    rows = (
+        (each.name, each.address, each.type, "yes" if each.retain else "no", each.comment)
+        for each in variables.all()
+        if each.address
+    )
+    return csv_text(("variable", "address", "type", "retained", "meaning"), rows, end="\r\n").encode()
 
 
 def size(text: ProgramText) -> str:

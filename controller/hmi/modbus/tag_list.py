@@ -5,12 +5,11 @@ The list is published as `docs/hmi-tags.md` and as a CSV file for import into HM
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from controller.common.document.rendering import csv_text
 from controller.core.expr import Bit, Word
 from controller.hmi.access import status_registers as status
 from controller.hmi.modbus.fx3u_map import Table, coil_address, discrete_address, register_address
@@ -86,11 +85,7 @@ def tags(machine: Transplanter) -> tuple[Tag, ...]:
 
 def tag_csv(machine: Transplanter) -> str:
     """Return the tags as CSV with a header line, one tag per line."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(_row(tag) for tag in tags(machine))
-    return text.getvalue()
+    return csv_text(COLUMNS, tag_rows(machine))
 
 
 def tag_rows(machine: Transplanter) -> list[tuple[object, ...]]:

@@ -28,7 +28,7 @@ _RULES: Final = {
     "belt at rest": Text("slide and lift wait until the belt of the claws rests", "夹爪分合时滑块和升降不得动作"),
     "inward ready": Text(
         "inward only with the arm down and empty and the claws open and converged",
-        "臂在下限位、无苗、夹爪张开且合拢时才可移入",
+        "臂在下限位、无苗、夹爪张开且聚合时才可移入",
     ),
     "tray in place": Text("inward only over a tray at rest in its place", "苗盘到位且静止时才可移入"),
     "stop at the row": Text("the slide is at the next row; seedlings stand beyond it", "滑块已到下一苗行，其后有苗"),
@@ -42,11 +42,11 @@ _RULES: Final = {
     "spread only when up at feed": Text(
         "spread only with the arm up at the feed position", "臂在投苗位上限位时才可分散"
     ),
-    "converge only when empty at feed": Text("converge only empty at the feed position", "只可在投苗位且无苗时合拢"),
+    "converge only when empty at feed": Text("converge only empty at the feed position", "只可在投苗位且无苗时聚合"),
     "not yet spread": Text("the claws are spread already", "夹爪已分散"),
-    "not yet converged": Text("the claws are converged already", "夹爪已合拢"),
+    "not yet converged": Text("the claws are converged already", "夹爪已聚合"),
     "close only at row or feed": Text(
-        "close only at the next row with the arm down, or at the feed position", "只可在下一苗行的下限位或投苗位夹紧"
+        "close only at the next row with the arm down, or at the feed position", "只可在下一苗行的下限位或投苗位闭合"
     ),
     "release load only at cups or row": Text(
         "a load is released only over the cups or at its own row", "只可在苗杯上方或原苗行松开所夹的苗"

@@ -9,6 +9,7 @@ from pathlib import Path
 from string import Template
 from typing import Final
 
+from controller.common.document.rendering import reference_table
 from controller.common.errors import InputError
 from plant_sim.benchmark.catalogue import PARTS
 from plant_sim.benchmark.part import BenchmarkPart
@@ -102,7 +103,5 @@ def _section(part: BenchmarkPart, record: PartRecord, *, explain: bool) -> str:
     paragraphs.append(textwrap.fill(circumstances, _WIDTH, break_long_words=False, break_on_hyphens=False))
     if record.failed is not None:
         return "\n\n".join([*paragraphs, f"Not measured: {record.failed}\n"])
-    rows = ["| figure | median | minimum to maximum | goal |", "|---|---|---|---|"]
-    for figure in record.figures.values():
-        rows.append(f"| {figure.title} | {value_text(figure)} | {range_text(figure)} | {goal_text(figure)} |")
-    return "\n\n".join([*paragraphs, "\n".join(rows) + "\n"])
+    rows = [(each.title, value_text(each), range_text(each), goal_text(each)) for each in record.figures.values()]
+    return "\n\n".join([*paragraphs, reference_table(("figure", "median", "minimum to maximum", "goal"), *rows)])

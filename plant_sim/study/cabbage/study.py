@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.common.paper_sheet import sheet
 from plant_sim.study.cabbage.fits import Response, equation_agreement, reproduces, responses, table_3_agreement
 from plant_sim.study.doe.design import full_factorial, orthogonal_axial, rotatable_axial, to_coded, to_natural
@@ -36,7 +37,6 @@ from plant_sim.study.report.fit_parts import (
     p_text,
     runs_table,
 )
-from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.study.report.study import Study
 from plant_sim.study.report.surface import pareto_front
 

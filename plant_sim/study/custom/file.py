@@ -9,6 +9,7 @@ from typing import Literal, get_args, get_type_hints
 
 import numpy as np
 
+from controller.common.document.parts import is_stem
 from controller.common.suggestion import suggestion
 from controller.common.yaml_section import Section, one_of, read_section, whole
 from plant_sim.machine.parameters import Machine
@@ -16,7 +17,6 @@ from plant_sim.study.design_file import DesignReader, FactorDesign, design_keys
 from plant_sim.study.doe.regression import fit, terms
 from plant_sim.study.errors import StudyError
 from plant_sim.study.fleet import SEEDLINGS
-from plant_sim.study.report.parts import is_stem
 from plant_sim.study.runner import MOST_SEEDLINGS, MOST_TRIALS
 from plant_sim.twin.report import TrialReport
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.study.custom.figures import main_effects
 from plant_sim.study.custom.file import CustomStudy
 from plant_sim.study.doe.regression import Fit, fit, terms
@@ -21,7 +22,6 @@ from plant_sim.study.report.fit_parts import (
     fit_record,
     no_share_text,
 )
-from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.study.report.study import Study
 from plant_sim.study.report.surface import contours
 from plant_sim.study.runner import RunOptions, incomplete_trials, trial_record

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from controller.common.document.parts import Cell, Heading, Part, Table
 from plant_sim.crop.expectation import Shares
 from plant_sim.crop.mechanics import SeedlingSpec
 from plant_sim.crop.response import success_percent
@@ -26,7 +27,6 @@ from plant_sim.study.pepper.calibration import (
     success_at,
 )
 from plant_sim.study.pepper.nominal import NominalMotion, nominal_motion
-from plant_sim.study.report.parts import Cell, Heading, Part, Table
 from plant_sim.study.report.study import Study
 
 _LEVELS = {"foam": (FOAMS_MM, "mm"), "age": (AGES_D, "d"), "pressure": (PRESSURES_MPA, "MPa")}

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from controller.common.document.parts import Part, counted
 from plant_sim.crop.response import CropSpec, success_percent
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting, ratings_exceeded
-from plant_sim.study.report.parts import Part, counted
 from plant_sim.study.runner import RunOptions, trial_record
 from plant_sim.twin.repeats import Pool, pool
 from plant_sim.twin.report import TrialReport

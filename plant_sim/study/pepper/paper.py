@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from controller.common.document.parts import Heading, Part, Table
 from plant_sim.common.paper_sheet import equation, sheet
 from plant_sim.common.polynomial import Polynomial
 from plant_sim.study.doe.design import orthogonal_axial, to_coded, to_natural
@@ -27,7 +28,6 @@ from plant_sim.study.report.fit_parts import (
     optimum_table,
     runs_table,
 )
-from plant_sim.study.report.parts import Heading, Part, Table
 from plant_sim.study.report.study import Study
 
 TRIAL_SEEDLINGS: Final = 144

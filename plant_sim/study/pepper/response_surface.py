@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.common.document.parts import Cell, Heading, Part, Table, counted
 from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec
 from plant_sim.study.doe.design import to_coded, to_natural
@@ -34,7 +35,6 @@ from plant_sim.study.report.fit_parts import (
     p_text,
     runs_table,
 )
-from plant_sim.study.report.parts import Cell, Heading, Part, Table, counted
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions, incomplete_trials
 from plant_sim.twin.repeats import SHARES

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from controller.common.document.parts import Cell, Heading, Part, Picture, Table, counted
 from plant_sim.common.figure_style import COLOURS, QUIET, drawing
 from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec
@@ -22,7 +23,6 @@ from plant_sim.study.pepper.experiment import (
     setting_of,
 )
 from plant_sim.study.pepper.statements import STATEMENTS, Statement, Verdict
-from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table, counted
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions, incomplete_trials
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.common.figure_style import COLOURS, QUIET, drawing
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
@@ -19,7 +20,6 @@ from plant_sim.study.paper_tables import cabbage_experiment, cabbage_settings
 from plant_sim.study.planter.lodging_fit import LodgingConstants, Predictor, Values, rms
 from plant_sim.study.planter.lodging_model import LodgingModel
 from plant_sim.study.planter.lodging_trials import OptimumCheck, SeedlingCount, pooled
-from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.twin.report import binomial_interval
 
 RUN_SEEDLINGS: Final = (120, 360, 2200)

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.common.figure_style import COLOURS, drawing
 from plant_sim.planter.falls import BLOCKS, FREQUENCY_PER_MIN, FallTable, motion_at
 from plant_sim.planter.parameters import Planter
@@ -20,7 +21,6 @@ from plant_sim.planter.verdict import PUSHED_M, FallVerdict
 from plant_sim.study.engines import Progress
 from plant_sim.study.planter.lodging_fit import Values, rms
 from plant_sim.study.planter.verdicts import FallPoint, VerdictCount, count_verdicts
-from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import command_line
 

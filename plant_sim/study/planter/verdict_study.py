@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.common.figure_style import COLOURS, QUIET, SERIES, drawing
 from plant_sim.planter.contact import drop
 from plant_sim.planter.motion import Motion
@@ -20,7 +21,6 @@ from plant_sim.study.doe.design import to_natural
 from plant_sim.study.engines import Progress
 from plant_sim.study.paper_tables import CABBAGE_FACTORS, cabbage_experiment
 from plant_sim.study.planter.verdicts import FREQUENCY_PER_MIN, FallPoint, VerdictCount, count_verdicts, crossings
-from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import command_line
 

@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.common.document.parts import Cell, Part, Picture, Table
 from plant_sim.study.doe.design import Factor, to_natural
 from plant_sim.study.doe.optimum import Surface
 from plant_sim.study.doe.regression import AnovaRow, Fit
 from plant_sim.study.paper_tables import PrintedRow
-from plant_sim.study.report.parts import Cell, Part, Picture, Table
 from plant_sim.study.report.surface import Marks, contours, lowest_and_highest, observed_against_predicted
 
 SHARE_LIMITS: Final = (0.0, 100.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from plant_sim.study.report.parts import Table
+from controller.common.document.parts import Table
 from plant_sim.study.throughput.critical_path import CUP_WAITS, Round, Segment, by_device, by_motion
 from plant_sim.study.throughput.pace import CyclePace, round_needed_s
 from plant_sim.study.throughput.timeline import ARM, Timeline, motion_of

@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from controller.common.document.parts import Cell, Heading, Part, Picture, Table, counted
 from controller.program.tags import ROWS, SIDES
 from plant_sim.common.figure_style import COLOURS, SERIES, drawing
 from plant_sim.study.estimates import ROWS_FAIL_TOGETHER, estimate
-from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table, counted
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions, trial_record
 from plant_sim.study.throughput.bottleneck import Bottleneck, first_late

@@ -23,6 +23,7 @@ from plant_sim.twin.ladder import trial as ladder_trial
 from plant_sim.twin.lock_step import Twin
 from tests.controller.export.fx_equality import EXPORTED
 from tests.paths import DOCS, ROOT
+from tests.sampling import one_in
 
 STEPS = sum(steps(each) for each in EXPORTED.instructions)
 """Program steps of the exported program."""
@@ -152,14 +153,17 @@ def test_draw_writes_pictures(program: Path, tmp_path: Path, capsys: pytest.Capt
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
-    [
-        (["check", "{0}/none.il"], "cannot be read"),
-        (["check", "{0}/wrong.il"], "wrong.il:1:1: LAD X0:"),
-        (["run", "{0}/seal-in.il", "--stimulus", "{0}/none.yaml"], "none.yaml"),
-        (["draw", "{0}/seal-in.il", "--out", "{0}/seal-in.il"], "seal-in.il"),
-        (["export", "--target", "fx2n", "--out", "{0}/no/such/folder"], "no/such/folder"),
-        (["export", "--target", "fx2n", "--out", "{0}/seal-in.il"], "seal-in.il"),
-    ],
+    one_in(
+        3,
+        [
+            (["check", "{0}/none.il"], "cannot be read"),
+            (["check", "{0}/wrong.il"], "wrong.il:1:1: LAD X0:"),
+            (["run", "{0}/seal-in.il", "--stimulus", "{0}/none.yaml"], "none.yaml"),
+            (["draw", "{0}/seal-in.il", "--out", "{0}/seal-in.il"], "seal-in.il"),
+            (["export", "--target", "fx2n", "--out", "{0}/no/such/folder"], "no/such/folder"),
+            (["export", "--target", "fx2n", "--out", "{0}/seal-in.il"], "seal-in.il"),
+        ],
+    ),
 )
 def test_invalid_input_is_reported_in_one_line(
     arguments: list[str], expected: str, program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -216,6 +220,7 @@ def test_the_exported_program_transplants_144_seedlings(
     ]
 
 
+@pytest.mark.nightly
 def test_the_operator_of_a_trial_confirms_constants_that_differ(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -25,7 +25,7 @@ from plant_sim.twin.lock_step import Twin
 from tests.controller.core.core_rig import x, y
 from tests.controller.verify.proof_rig import MACHINE, SOUND, seconds
 from tests.controller.verify.verify_rig import specification_of
-from tests.sampling import first_of
+from tests.sampling import first_of, one_in
 from tests.wiring import wired
 
 RULE, GOAL = "left: down at feed only", "left: down away from feed"
@@ -104,6 +104,7 @@ def test_the_proof_succeeds(every: int) -> None:
     assert (done.returncode, report["good"]) == (0, True)
 
 
+@pytest.mark.nightly
 def test_a_machine_with_a_reset_button_is_proved() -> None:
     """The optional button is one of the buttons that are off in a way out."""
     goals = {"a press that may reset is one of the reset button", "reset: from Stopped to Resetting"}
@@ -154,7 +155,7 @@ TRACES: dict[str, tuple[dict[str, object], str]] = {
 }
 
 
-@pytest.mark.parametrize(("fields", "expected"), TRACES.values(), ids=TRACES)
+@pytest.mark.parametrize(("fields", "expected"), one_in(2, TRACES.values()), ids=TRACES)
 def test_a_trace_that_cannot_be_replayed_is_reported_in_one_line(
     fields: dict[str, object], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -243,6 +244,7 @@ def test_monitors_write_no_device_of_the_program() -> None:
     assert all(isinstance(device, Bit) and device.kind in "MT" for device in written)
 
 
+@pytest.mark.nightly
 def test_monitors_report_nothing_and_change_no_output_in_a_trial() -> None:
     """While a tray is emptied, the outputs of every scan are the same with and without the monitors."""
     alone, watched = Twin(trays=1, set_points={"trays_target": 1}), Twin(trays=1, set_points={"trays_target": 1})

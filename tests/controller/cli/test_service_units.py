@@ -42,6 +42,7 @@ def manager(tmp_path: Path) -> Any:
         yield receiver
 
 
+@pytest.mark.nightly
 def test_the_manager_is_told_when_the_field_responds_and_that_scans_go_on(
     manager: socket.socket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

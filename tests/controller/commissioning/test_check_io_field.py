@@ -14,6 +14,7 @@ from tests.controller.io.field.field_rig import INPUT_TAGS, OUTPUT_TAGS, at_rest
 from tests.controller.io.field.modules import Beckhoff, Box, Coupler, Wago
 from tests.controller.io.field.servers import TcpModule
 from tests.paths import ROOT
+from tests.sampling import first_of
 
 WATCHDOG_MS = 6_000
 """Time of the output watchdogs, longer than the timeout of the devices; it is advanced by the tests only."""
@@ -74,7 +75,7 @@ class Rig:
         return path.read_text(encoding="utf-8")
 
 
-EVERY_PROFILE = pytest.mark.parametrize("profile", PROFILES)
+EVERY_PROFILE = pytest.mark.parametrize("profile", first_of(PROFILES))
 
 
 @EVERY_PROFILE

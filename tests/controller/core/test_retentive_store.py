@@ -21,7 +21,7 @@ from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.scan import Plc
 from tests.controller.core.core_rig import THOROUGH, Rig, copied, d, m, program_of, s, x
 from tests.paths import ROOT
-from tests.sampling import examples
+from tests.sampling import examples, one_in
 
 VALUES = {"C100": 1, "CN100": 3, "D512": -32_768, "D513": 32_767, "M500": 0, "M501": 1}
 
@@ -363,7 +363,7 @@ def run_python(text: str, *arguments: object) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
 
 
-@pytest.mark.parametrize("kill", range(25))
+@pytest.mark.parametrize("kill", one_in(3, range(25)))
 def test_a_file_of_a_process_killed_at_any_moment_contains_one_complete_state(store: FileStore, kill: int) -> None:
     """A process that saves continuously and is killed at a random time leaves the last saved state or the next one."""
     dice = random.Random(kill)

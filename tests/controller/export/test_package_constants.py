@@ -19,7 +19,7 @@ from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from tests.controller.export.package_rig import MOVERS, PLACES, PackageRig, parsed_program
 from tests.controller.program.interlock_scene import MACHINE, TAGS
-from tests.sampling import first_of
+from tests.sampling import first_of, one_in
 
 CLAMP = TAGS.sp.clamp
 CLEAR_SCANS = 3_200 // SCAN_MS
@@ -99,7 +99,7 @@ def state(rig: Rig) -> State:
 
 
 @pytest.mark.parametrize(
-    ("target", "by_file"), [("openplc", False), ("codesys", False), ("plain", True), ("fx2n", False)]
+    ("target", "by_file"), one_in(2, [("openplc", False), ("codesys", False), ("plain", True), ("fx2n", False)])
 )
 def test_a_constant_given_to_the_export_is_in_force_and_confirmed_at_each_start(
     target: str, *, by_file: bool, tmp_path: Path

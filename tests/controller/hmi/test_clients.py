@@ -219,6 +219,7 @@ def test_mbpoll_writes_a_set_point_and_a_command(scene: Scene, client: ModbusCli
     until_word(client, scene, "machine.refusals", refused + 1)
 
 
+@pytest.mark.nightly
 def test_polling_does_not_delay_the_trial(scene: Scene, client: ModbusClient) -> None:
     scans = word(client, scene, "controller.scans")
     for _ in range(1_000):

@@ -156,6 +156,7 @@ def test_inputs_can_be_ignored(captured: Path, capsys: pytest.CaptureFixture[str
     assert capsys.readouterr().err.endswith("did you mean left.cup_pulse?\n")
 
 
+@pytest.mark.nightly
 def test_the_proxy_captures_the_traffic_of_both_directions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "proxy.capture"
     plant, line = started("plant", "plant_sim", "serve", "--port", "0", "--lock-step-ms", "10")

@@ -117,6 +117,7 @@ def test_the_interlock_of_an_added_output_is_proved(always_wanted: Callable[...,
     assert set(results(always_wanted()).values()) == {Result.PROVED}
 
 
+@pytest.mark.nightly
 def test_an_added_output_without_an_interlock_violates_the_requirements(
     always_wanted: Callable[..., Transplanter],
 ) -> None:

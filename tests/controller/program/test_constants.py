@@ -68,6 +68,7 @@ def test_constants_are_not_retained() -> None:
     assert started.read(SP.settle) == 77
 
 
+@pytest.mark.nightly
 def test_an_export_writes_the_given_constants_at_each_start() -> None:
     """The other set-points are written once, to new memory."""
     program = MACHINE.program.with_set_points({SP.arms_may_meet: 1})

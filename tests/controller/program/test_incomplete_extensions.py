@@ -151,7 +151,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.mark.parametrize("name", one_in(5, INCOMPLETE))
+@pytest.mark.parametrize("name", one_in(20, INCOMPLETE))
 def test_a_missing_declaration_is_reported_in_one_line(name: str, project: Path) -> None:
     """The line names the file in which something is missing, and what is missing."""
     edits, expected = INCOMPLETE[name]

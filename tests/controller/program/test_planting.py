@@ -275,6 +275,7 @@ def test_the_export_contains_the_planter_speed_only_if_it_is_wired() -> None:
     assert usage(export(acting(build(BOTH).program))).steps < MOST_STEPS - 200
 
 
+@pytest.mark.nightly
 def test_the_exported_planter_speed_is_equal_in_every_scan() -> None:
     """Outputs and planter speed are equal in a run with both points wired, a standstill and an emergency stop."""
     machine = build(BOTH)

@@ -69,6 +69,7 @@ def test_both_arms_have_the_same_limits() -> None:
     assert len(left) == 7
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", first_of(["left: inward, possibly past a row", *(each.name for each in SOUND.limits)]))
 def test_no_limit_of_the_machine_can_be_proved(name: str) -> None:
     report = prove(SOUND, clock=seconds, only={name})

@@ -59,6 +59,7 @@ def test_without_gcc_there_are_no_figures_of_c(has_gcc: bool, monkeypatch: pytes
     assert figures["python_ratio"] == pytest.approx(figures["interpreted"] / figures["python"])
 
 
+@pytest.mark.nightly
 def test_a_changed_rung_recompiles_its_part_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An additional instruction moves all later ones; the parts after it are nevertheless unchanged."""
     monkeypatch.setattr(object_code, "_folder", lambda: tmp_path)

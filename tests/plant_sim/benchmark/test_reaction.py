@@ -56,6 +56,7 @@ def test_the_timer_counts_edges_without_an_echo(io_map: IoMap) -> None:
     assert timer.missed > 10
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("baud", first_of([115_200, None]))
 def test_real_processes_answer_the_edges(baud: int | None) -> None:
     """The reaction is bounded loosely; `scripts/bench` states the figures of an idle computer.

@@ -62,7 +62,8 @@ def test_connect_exchanges_with_a_plc_and_reports_the_timing() -> None:
     outputs = [number == 5 for number in range(18)]
     with modbus_plc(profile_of("fx5u"), lambda _: outputs) as port:
         where = ("--host", "127.0.0.1", "--port", str(port), "--timeout-ms", "5000")
-        with plant("connect", "fx5u", *where, "--period-ms", "5", "--listen-port", "0") as process:
+        patient = ("--watchdog-ms", "60000")  # this PLC writes no safe levels, which would end a trip
+        with plant("connect", "fx5u", *where, *patient, "--period-ms", "5", "--listen-port", "0") as process:
             with Client(port_of(process)) as client:
                 while math.isnan((telemetry := read_registers(client))["write_period_ms"]):
                     assert process.poll() is None
@@ -74,6 +75,7 @@ def test_connect_exchanges_with_a_plc_and_reports_the_timing() -> None:
     assert any(line.startswith(f"outputs from PLC 127.0.0.1:{port}: ") and "jitter" in line for line in lines)
 
 
+@pytest.mark.nightly
 @pytest.mark.real_time
 def test_connect_over_a_serial_line_without_a_plc_says_so_and_goes_on() -> None:
     with SerialCable() as cable, plant("connect", "fx3u", "--serial", f"{cable.ends[0]}:115200:8N1:2") as process:
@@ -82,6 +84,7 @@ def test_connect_over_a_serial_line_without_a_plc_says_so_and_goes_on() -> None:
         assert process.poll() is None
 
 
+@pytest.mark.nightly
 def test_serve_on_a_serial_line() -> None:
     with SerialCable() as cable:
         arguments = ("serve", "--port", "0", "--serial", f"{cable.ends[1]}:115200:8N1:4", "--lock-step-ms", "10")

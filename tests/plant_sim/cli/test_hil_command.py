@@ -60,6 +60,7 @@ def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
     assert "outputs from 127.0.0.1" in html  # timing of the controller
 
 
+@pytest.mark.nightly
 def test_an_interrupted_run_writes_reports_that_state_it(tmp_path: Path) -> None:
     bench = _start(
         *("plant_sim", "hil", "serve", "--port", "0", "--lock-step-ms", "10", "--no-reference", "--out", "reports"),

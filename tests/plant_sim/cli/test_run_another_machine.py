@@ -45,6 +45,7 @@ def test_the_operator_of_the_live_run_confirms_the_constants_of_the_machine(tmp_
     assert "Emergency stop pressed" in ended.stdout
 
 
+@pytest.mark.nightly
 def test_the_live_run_of_a_machine_that_does_not_fit_ends_in_one_line(tmp_path: Path) -> None:
     """The controller refuses the file; the plant is stopped, and nothing has moved."""
     ended = run(changed(tmp_path, "stroke_m", "0.150", "0.232"))

@@ -148,7 +148,7 @@ WAYS = [(stdin, number) for stdin in ("terminal", "pipe") for number in NUMBERS]
 
 
 @pytest.mark.real_time
-@pytest.mark.parametrize(("stdin", "number"), one_in(3, WAYS))
+@pytest.mark.parametrize(("stdin", "number"), one_in(4, WAYS))
 def test_a_running_controller_ends_with_safe_outputs(
     stdin: str, number: signal.Signals, stack: ExitStack, tmp_path: Path
 ) -> None:
@@ -173,6 +173,7 @@ def _take_terminal() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
+@pytest.mark.nightly
 @pytest.mark.real_time
 def test_a_controller_whose_terminal_is_closed_ends_with_safe_outputs(stack: ExitStack, tmp_path: Path) -> None:
     """The kernel sends SIGHUP, and neither standard output nor standard error can be written any more."""
@@ -263,7 +264,11 @@ def _flood(service: Service) -> None:
 @pytest.mark.parametrize(
     ("ready", "arguments"),
     [
-        pytest.param("plant listening", ("plant_sim", "serve", "--port", "0"), marks=pytest.mark.real_time),
+        pytest.param(
+            "plant listening",
+            ("plant_sim", "serve", "--port", "0"),
+            marks=[pytest.mark.real_time, pytest.mark.nightly],
+        ),
         ("panel at", ("controller", "panel", "--port", "0")),
     ],
     ids=["plant", "panel"],
@@ -285,6 +290,7 @@ def test_a_service_ends_at_once(
         assert [line for line in errors.splitlines() if not line.startswith(timing)] == [], moment
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("by_hand", "expected"), first_of([(False, 130), (True, 0)]))
 def test_a_live_run_ends_in_order_although_it_is_stopped_repeatedly(
     by_hand: bool, expected: int, stack: ExitStack, tmp_path: Path
@@ -304,6 +310,7 @@ def test_a_live_run_ends_in_order_although_it_is_stopped_repeatedly(
     assert_quiet(errors)
 
 
+@pytest.mark.nightly
 def test_a_role_of_the_benchmark_ends_without_a_message(stack: ExitStack, tmp_path: Path) -> None:
     """The signal comes at all moments from the first output of the process to its end."""
     for _ in range(3):
@@ -314,6 +321,7 @@ def test_a_role_of_the_benchmark_ends_without_a_message(stack: ExitStack, tmp_pa
         assert service.end() == (0, "")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "arguments",
     first_of(

@@ -261,6 +261,7 @@ def test_the_command_of_the_calibration_names_seed_and_machine(
         assert json.loads(capsys.readouterr().out)["command"] == f"python -m plant_sim study calibration {wanted}"
 
 
+@pytest.mark.nightly
 def test_a_study_without_trials_shows_its_activity_on_a_terminal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -93,6 +93,7 @@ def run_compiled(cache: Path) -> None:
     subprocess.run([sys.executable, "-c", CHARGE], check=True, env=environment)
 
 
+@pytest.mark.nightly
 def test_machine_code_is_cached_in_the_cache_folder_and_not_beside_the_source(tmp_path: Path) -> None:
     beside_source = set(PACKAGE.rglob("*.nbc"))
     run_compiled(tmp_path)

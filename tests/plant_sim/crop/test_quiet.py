@@ -13,6 +13,7 @@ from plant_sim.crop.seedling import Location
 from plant_sim.machine.kernel import POSITIONS
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
+from tests.sampling import first_of
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
@@ -117,7 +118,7 @@ def replant(plant: Plant) -> None:
             plant.seedlings.move(seedling, Location.STANDING)
 
 
-@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.nightly) for seed in range(4, 40))])
+@pytest.mark.parametrize("seed", first_of(range(40), 2))
 def test_looks_within_the_limits_change_nothing(seed: int) -> None:
     every, few = (Plant(IO_MAP, MACHINE, seed=seed, trays=3) for _ in range(2))
     motion, draws = AnyMotion(every, seed), random.Random(seed)

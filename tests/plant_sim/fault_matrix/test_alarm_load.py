@@ -15,7 +15,7 @@ from tests.sampling import one_in
 
 SETTING = MatrixSetup(trays=2)
 ALL = subjects(SETTING.twin().plant)
-EVERY = 7
+EVERY = 40
 """Step of the sample by default; it contains faults with a consequence."""
 
 

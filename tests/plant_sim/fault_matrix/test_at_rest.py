@@ -9,13 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from controller.common.document.rendering import markdown
 from controller.program.states import HOMED_FROM
 from controller.program.tags import SIDES, Side
 from plant_sim.cli.main import main
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.fault_matrix.at_rest import KINDS, RestCase, RestOutcome, run_at_rest
 from plant_sim.fault_matrix.rest_expected import AT_REST, WITHOUT_FAULT, complaints
-from plant_sim.fault_matrix.rest_report import COLUMNS, RestResult, markdown, records, summary
+from plant_sim.fault_matrix.rest_report import COLUMNS, RestResult, parts, records, summary
 from plant_sim.fault_matrix.rest_table import ALL_FAULTS, jobs_at, jobs_of, periods, run_job, search, selection
 from plant_sim.fault_matrix.run import MatrixSetup, undisturbed
 from plant_sim.fault_matrix.situations import (
@@ -33,7 +34,7 @@ from plant_sim.fault_matrix.table_files import as_csv
 from plant_sim.links.in_process import InProcessLink, LinkDown
 from plant_sim.twin.lock_step import SCAN_MS
 from tests.paths import DOCS
-from tests.sampling import first_of
+from tests.sampling import first_of, one_in
 
 ONE_TRAY = MatrixSetup(trays=1)
 TWO_TRAYS = MatrixSetup(trays=2)
@@ -93,7 +94,7 @@ def test_a_situation_contains_the_switches_and_the_memory_of_its_arm() -> None:
     assert "row 1 = 1" not in left.memory
 
 
-@pytest.mark.parametrize("stop", STOPS[:4], ids=str)
+@pytest.mark.parametrize("stop", first_of(STOPS[:4]), ids=str)
 def test_a_search_by_bisection_finds_every_situation_of_a_period(stop: StopKind) -> None:
     """The period contains the closing of the claws on a row and the start of the lift."""
     start_ms = moment("left", "close claws", 0) - 60
@@ -149,7 +150,9 @@ FOUND: list[tuple[str, int, str, str]] = [
 """Step, time in it, ms, and a switch of a place where the device is not."""
 
 
-@pytest.mark.parametrize(("step", "after_ms", "kind", "switch"), FOUND, ids=[f"{each[0]}, {each[3]}" for each in FOUND])
+@pytest.mark.parametrize(
+    ("step", "after_ms", "kind", "switch"), one_in(3, FOUND), ids=[f"{each[0]}, {each[3]}" for each in FOUND]
+)
 @pytest.mark.parametrize("side", SIDES)
 def test_a_switch_that_welds_in_an_emergency_stop_in_mid_stroke_does_no_harm(
     step: str, after_ms: int, kind: str, switch: str, side: Side
@@ -175,7 +178,9 @@ SAMPLE: list[tuple[str, str, int, str, str, str]] = [
 
 
 @pytest.mark.parametrize(
-    ("stop", "step", "after_ms", "kind", "switch", "alarm"), SAMPLE, ids=[f"{each[0]}, {each[4]}" for each in SAMPLE]
+    ("stop", "step", "after_ms", "kind", "switch", "alarm"),
+    one_in(3, SAMPLE),
+    ids=[f"{each[0]}, {each[4]}" for each in SAMPLE],
 )
 def test_a_switch_that_sticks_at_rest_is_told_and_the_trial_completes(
     stop: str, step: str, after_ms: int, kind: str, switch: str, alarm: str
@@ -251,9 +256,10 @@ SITUATION = Situation("stopped", "left", ("lift_down", "slide_at_feed"), ("was d
 
 def test_the_table_has_a_row_per_stop_and_fault() -> None:
     results = [RestResult(SITUATION, outcome) for outcome in (SOUND, replace(SOUND, lost=12, trips={"dropped": "12"}))]
-    table = markdown(results).splitlines()
+    table = markdown("At rest", parts(results), is_literal=False).splitlines()
     assert "| stopped | `stuck_on:lift_up` | 2 | lift switches 2 | dropped 1 | 0 to 12 | 1 | 2 |" in table
     assert "- stopped at 20000 ms, stuck_on:left.lift_up: seedlings lost: 12" in table
+    assert [line for line in table if line.startswith("#")] == ["# At rest", "### Findings at rest"]
     head, findings, *kinds = summary(results, 3.0).splitlines()
     assert head == "1 rest situations, 2 cases in 3 s: 2 with a signal, 1 with harm"
     assert findings == "findings: 2"

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from rich.progress import Progress
 
+from controller.common.document.rendering import markdown
 from controller.core.expr import Word
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
@@ -35,7 +36,7 @@ from plant_sim.fault_matrix.report import (
     MatrixRow,
     alarm_load,
     headline,
-    markdown,
+    parts,
     records,
     summary,
 )
@@ -261,8 +262,13 @@ def test_the_table_contains_signal_times_and_losses() -> None:
         "-",
         "1",
     )
-    assert "- jammed:left.slide@20000ms..: 2 seedlings lost" in markdown([row]).splitlines()
-    assert "None." in markdown([MatrixRow(subject_of(JAM), [SOUND])]).splitlines()
+    page, sound = (
+        markdown("Matrix", parts([each]), is_literal=False).splitlines()
+        for each in (row, MatrixRow(subject_of(JAM), [SOUND]))
+    )
+    assert "- jammed:left.slide@20000ms..: 2 seedlings lost" in page
+    assert [line for line in page if line.startswith("#")][-1] == "## Findings"
+    assert sound[-1] == "None."
     assert summary([row], 3.0).splitlines()[0].startswith("1 faults, 3 trials: 2 with a signal, 3 recovered. Harm by 0")
 
 

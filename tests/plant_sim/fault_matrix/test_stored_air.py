@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from controller.common.document.rendering import markdown
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.cli.faults import run_stored_air
 from plant_sim.cli.main import main
-from plant_sim.fault_matrix.air_report import COLUMNS, AirResult, all_findings, markdown, records, summary
+from plant_sim.fault_matrix.air_report import COLUMNS, AirResult, all_findings, parts, records, summary
 from plant_sim.fault_matrix.run import MatrixSetup
 from plant_sim.fault_matrix.stored_air import (
     CONDITIONS,
@@ -55,6 +56,7 @@ def check(remedy: str, cases: list[AirCase]) -> None:
     assert all(result.outcome.lift_m_s < RATING.lift_m_s for result in results)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("remedy", first_of(FITTED))
 def test_with_a_remedy_no_speed_exceeds_its_rating_and_work_goes_on(remedy: str) -> None:
     """Both arms, every remedied condition, all seedlings in the cups and no other stop."""
@@ -241,7 +243,7 @@ def test_a_deviation_is_a_finding_only_where_a_remedy_should_help() -> None:
 
 
 def test_the_table_has_a_row_per_condition_arm_and_device() -> None:
-    text = markdown([AirResult("none", GOOD), AirResult("meter-in", BAD)])
+    text = markdown("Air", parts([AirResult("none", GOOD), AirResult("meter-in", BAD)]), is_literal=False)
     assert "| none | vented | left | - | 1 | 0.20 | 0.50 | 0 | 0 | - |" in text
     assert "| meter-in | vented, freed | right | lift | 1 | 0.00 | 0.90 | 12 | 12 | 1 |" in text
     assert text.endswith("lift too fast; 12 lost\n")

@@ -27,12 +27,14 @@ def test_the_program_passes_homing_cycle_trial_and_stop() -> None:
     assert lost <= 19  # three standard deviations above the 10 of the reference
 
 
+@pytest.mark.nightly
 def test_the_operator_of_the_bench_confirms_constants_that_differ() -> None:
     """The program refuses the first press of X0; X25 is pressed, released and cleared, and it is homed."""
     results, _ = judge(set_points={"clamp": 21})
     assert {each.verdict for each in results} == {CaseVerdict.PASSED}
 
 
+@pytest.mark.nightly
 def test_every_situation_of_the_trial_has_an_emergency_stop() -> None:
     results, _ = judge(["emergency stop"], only="loaded")
     stops = _by_group(results, "emergency stop")
@@ -130,7 +132,7 @@ DAMAGES = [
 
 @pytest.mark.parametrize(
     ("damage", "groups", "only", "group", "reason"),
-    first_of(DAMAGES, 3),
+    first_of(DAMAGES),
     ids=lambda value: value.__name__.strip("_") if callable(value) else "",
 )
 def test_a_damaged_program_fails(damage: Damage, groups: list[str], only: str, group: str, reason: str) -> None:
@@ -139,11 +141,13 @@ def test_a_damaged_program_fails(damage: Damage, groups: list[str], only: str, g
     assert any(text.startswith(reason) for text in reasons), failures(results)
 
 
+@pytest.mark.nightly
 def test_a_failed_power_up_is_not_also_a_failed_homing() -> None:
     results, _ = judge(damage=_moves_at_power_up)
     assert list(failures(results)) == ["power-up: nothing moves without a press"]
 
 
+@pytest.mark.nightly
 def test_losses_beyond_the_reference_fail_the_trial() -> None:
     results, _ = judge(reference_lost=0)
     (trial,) = _by_group(results, "trial")
@@ -159,6 +163,7 @@ def test_a_dead_controller_fails_and_the_rest_is_not_run() -> None:
     assert all("could not be brought back" in each.reasons[0] for each in results[3:])
 
 
+@pytest.mark.nightly
 def test_too_few_trays_are_said() -> None:
     results, _ = judge(["fault"], only="jammed:right.lift", trays=4)
     (fault,) = _by_group(results, "fault")
@@ -166,6 +171,7 @@ def test_too_few_trays_are_said() -> None:
     assert "--trays" in fault.reasons[0]
 
 
+@pytest.mark.nightly
 def test_the_picture_shows_the_event_and_the_wires_that_change() -> None:
     from plant_sim.hil.timing_picture import timing_picture
 

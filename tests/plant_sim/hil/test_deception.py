@@ -31,6 +31,7 @@ def test_an_output_that_flickers_fails() -> None:
     assert any(each.startswith("flicker: left.claws_close switched 6 times") for each in reasons)
 
 
+@pytest.mark.nightly
 def test_a_controller_that_is_dead_for_400_ms_fails() -> None:
     def dies(bench: Bench, on: set[str]) -> set[str] | None:
         return None if 60_000 <= bench.now_ms < 60_400 else on
@@ -40,6 +41,7 @@ def test_a_controller_that_is_dead_for_400_ms_fails() -> None:
     assert "output watchdog: no output written for 100 ms, at 60.100 s" in reasons
 
 
+@pytest.mark.nightly
 def test_a_controller_that_works_on_after_homing_fails() -> None:
     """The start button is pressed once more as soon as the machine rests, as if by the program.
 
@@ -75,6 +77,7 @@ def test_a_controller_that_stops_at_once_has_no_margin() -> None:
     assert reasons[0] == "does not transplant 72 seedlings without additional dead time"
 
 
+@pytest.mark.nightly
 def test_a_coil_that_stays_on_at_rest_passes() -> None:
     stopped: list[bool] = []
 

@@ -98,6 +98,7 @@ def test_every_cup_and_seedling_of_the_arms_is_accounted_for(fed_arms: tuple[Arm
         assert len(row.seedlings) > 60
 
 
+@pytest.mark.nightly
 def test_the_causes_are_those_of_the_lost_seedlings() -> None:
     """At 45 plants per minute no cup is missed; each empty cup has the cause of the seedling that was lost."""
     stretches = [Stretch(0.3, for_m=100.0)]

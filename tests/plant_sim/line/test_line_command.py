@@ -20,7 +20,7 @@ from plant_sim.line.file import lines
 from plant_sim.line.result import LineResult
 from plant_sim.line.write import COLUMNS, write_result
 from plant_sim.machine.parameters import load_machine
-from tests.sampling import first_of
+from tests.sampling import first_of, one_in
 
 NAMES = tuple(lines())
 ROUGH = """\
@@ -53,7 +53,7 @@ def pepper() -> LineResult:
     return result("pepper", 60.0)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", first_of(NAMES))
 def test_every_cup_and_seedling_is_accounted_for(name: str, tmp_path: Path) -> None:
     """On level and rough ground, single + double + missing = released, and all other cups are in transit."""
     (tmp_path / "rough.yaml").write_text(ROUGH, encoding="utf-8")
@@ -183,7 +183,7 @@ EACH_ONCE = [(NAMES[number % len(NAMES)], *extreme) for number, extreme in enume
 OTHERS = [each for name in NAMES for extreme in EXTREMES if (each := (name, *extreme)) not in EACH_ONCE]
 
 
-@pytest.mark.parametrize(("name", "key", "value"), first_of([*EACH_ONCE, *OTHERS], len(EACH_ONCE)))
+@pytest.mark.parametrize(("name", "key", "value"), one_in(20, [*EACH_ONCE, *OTHERS]))
 def test_extreme_values_give_a_result(name: str, key: str, value: str, tmp_path: Path) -> None:
     """Values at the limits of the line file give poor or empty rows, but all cups and seedlings are accounted for."""
     text = lines()[name].read_text(encoding="utf-8")

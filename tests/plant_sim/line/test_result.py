@@ -58,6 +58,7 @@ def test_the_clamp_force_changes_the_share_of_sticking_blocks(clamp_n: float) ->
     assert lodged == pytest.approx(share * number, abs=5 * math.sqrt(share * number))
 
 
+@pytest.mark.nightly
 def test_the_needed_window_follows_from_the_scatter_of_the_chute(combined: LineResult) -> None:
     """The scatter of 25 ms is 1.87 % of a cycle; 99.9 % of a normal distribution is within 3.29 SD."""
     frequency_hz = 1.13 / 3.6 / 0.42

@@ -72,6 +72,7 @@ def test_the_motion_is_drawn_with_its_points_of_zero_speed(speed_km_h: float, co
     assert phases_deg == {point.phase_deg for point in zero_speed_points(motion)}
 
 
+@pytest.mark.nightly
 def test_equal_figures_give_identical_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gif, "FRAMES_PER_S", 1)
     for name in ("a", "b"):
@@ -116,6 +117,7 @@ def test_scheme_moves_every_planter_to_the_place_of_the_next_one() -> None:
     assert len(places[0]) == CHAIN.planters
 
 
+@pytest.mark.nightly
 def test_figures_3_and_4_are_animated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gif, "FRAMES_PER_S", 4)
     with drawing():

@@ -105,6 +105,7 @@ def test_both_implementations_agree_under_random_coils(seed: int, step_s: float,
         twin.run(int(steps), random_coils(rng), fed=bool(rng.random() > 1 / 6))
 
 
+@pytest.mark.nightly
 @settings(max_examples=8, derandomize=True)
 @given(
     segments=st.lists(
@@ -150,6 +151,7 @@ def test_both_implementations_agree_on_decoupling_and_recoupling() -> None:
     assert not twin.cylinders[SLIDE].decoupled
 
 
+@pytest.mark.nightly
 def test_both_implementations_agree_on_supply_faults() -> None:
     """The compressor fails, the manifold leaks, and the claw check valve leaks; then the compressor is restored."""
     rig = machine_bench({"supply.receiver_m3": 0.002})

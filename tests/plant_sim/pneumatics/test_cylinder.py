@@ -226,6 +226,7 @@ def test_a_stopped_arm_comes_to_rest_and_stays() -> None:
     assert (trace.cylinders["position_m"] == places_m).all()
 
 
+@pytest.mark.nightly
 def test_skipping_parts_at_rest_has_no_significant_effect() -> None:
     """With and without skipping, positions under random coils agree to 0.1 mm and pressures to 1 kPa."""
     rng = np.random.default_rng(7)

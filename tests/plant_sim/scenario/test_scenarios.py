@@ -19,6 +19,7 @@ from plant_sim.scenario.file import SCENARIOS, find_scenario, load_scenario
 from plant_sim.scenario.run import ScenarioReport, run_scenario
 from plant_sim.twin.lock_step import Twin
 from tests.paths import DOCS
+from tests.sampling import one_in
 
 SHIPPED = sorted(path.stem for path in SCENARIOS.glob("*.yaml"))
 BRIEF = """\
@@ -257,109 +258,112 @@ def test_an_action_with_a_fault_already_active_ends_the_scenario(tmp_path: Path)
 
 @pytest.mark.parametrize(
     ("lines", "complaint"),
-    [
-        ("titel: t", "1: titel: unknown key; did you mean title?"),
-        ("title: t\ntitle: u", "2: file: key 'title' is already defined on line 1; delete one"),
-        ("title: t\nseed: one", "2: seed: must be an integer, 0 to 2147483647, not 'one'"),
-        ("title: t\ntrays: 0", "2: trays: must be an integer, 1 to 1000, not '0'"),
-        ("title: t\nmachine: [a]", "2: machine: must be a mapping; write a key, a colon and a value per line"),
-        (
-            "title: t\nmachine:\n  slide.bore_mm: 5",
-            "3: machine.slide.bore_mm: unknown parameter of the machine; did you mean bore_m?",
-        ),
-        (
-            "title: t\nmachine:\n  supply.pressure_pa: 5 mm",
-            "3: machine.supply.pressure_pa: '5 mm': mm is a unit of another quantity; "
-            "use Pa or kPa or MPa or mbar or bar",
-        ),
-        (
-            "title: t\nmachine:\n  supply.pressure_pa: 50 bar",
-            "3: machine.supply.pressure_pa: must be 50000 to 1e+06, not 5e+06",
-        ),
-        (
-            "title: t\nmachine:\n  cups.pitch_m: 62 mm",
-            "3: machine.spreader.travel_m: spreads the claws to 0.06 m; it must equal cups.pitch_m to 1 mm",
-        ),
-        ("title: t\nset_points: {clam: 1}", "2: set_points.clam: unknown key; did you mean clamp?"),
-        (
-            "title: t\nset_points: {converge_at: 2}",
-            "2: set_points.converge_at: must be an integer, 0 to 1, not '2'",
-        ),
-        ("title: t\nset_points: {clamp: 205 ms}", "2: set_points.clamp: '205 ms': must be a multiple of 10 ms"),
-        (
-            "title: t\nfaults:\n  - {kind: stuck, at: left.lift_up}",
-            "3: faults[1]: stuck: unknown fault; did you mean stuck_on?",
-        ),
-        (
-            "title: t\nfaults:\n  - {kind: stuck_on, at: left.lift_op}",
-            "3: faults[1]: stuck_on:left.lift_op: not a sensor; did you mean left.lift_up?",
-        ),
-        (
-            "title: t\nfaults:\n  - {kind: jammed, at: left.lift, from: 5}",
-            "3: faults[1].from: '5': a time requires a unit; write 5 s or 5 ms",
-        ),
-        (
-            "title: t\nfaults:\n  - {kind: leak, at: supply, size: 3 N}",
-            "3: faults[1].size: '3 N': N is a unit of another quantity; use m3/(s Pa) or dm3/(s bar) or L/(s bar)",
-        ),
-        ("title: t\nfaults:\n  - {kind: jammed}", "3: faults[1].at: is missing; add it"),
-        (
-            "title: t\nactions: [{at: 1 s}]",
-            "2: actions[1]: must contain exactly one action, not 0; use one of press, hold, release, "
-            "command, planting_frequency, power_cycle, air, fault, mend",
-        ),
-        (
-            "title: t\nactions: [{at: 1 s, press: resett}]",
-            "2: actions[1].press: unknown button 'resett'; did you mean reset?",
-        ),
-        ("title: t\nactions: [{at: idle, press: start}]", "2: actions[1].at: unknown time, state or step 'idle'; "),
-        (
-            "title: t\nactions: [{at: 1 s, after: 1 s, press: start}]",
-            "2: actions[1].after: does not apply to a time; specify the final time in at",
-        ),
-        (
-            "title: t\nactions: [{at: 1 s, hold: stop, for: 1 s}]",
-            "2: actions[1].for: does not apply to hold; remove it",
-        ),
-        (
-            "title: t\nuntil: {time: 9 s}\nactions: [{at: 1 s, fault: jammed:left.slyde}]",
-            "3: actions[1].fault: jammed:left.slyde: not a moving part; did you mean left.slide?",
-        ),
-        (
-            "title: t\nactions: [{at: 1 s, fault: missing_cells:tray_1=5}]",
-            "2: actions[1].fault: missing_cells:tray_1: must be set before the run; list it under faults",
-        ),
-        (
-            "title: t\nactions: [{at: 1 s, mend: jammed:left.slyde}]",
-            "2: actions[1].mend: jammed:left.slyde: not a moving part; did you mean left.slide?",
-        ),
-        ("title: t\nexpect: {cycles: 1}", "1: until: is missing; add until: {state: COMPLETE, limit: 300 s} or "),
-        ("title: t\nuntil: {state: HELD}", "2: until.limit: is missing; add it"),
-        ("title: t\nuntil: {time: 1 s}", "1: expect: is missing; add the expected results"),
-        (
-            "title: t\nuntil: {time: 1 s}\nexpect: {}",
-            "3: expect: contains no expectation; add one or more of state, alarms, ",
-        ),
-        (
-            "title: t\nuntil: {time: 1 s}\nexpect: {alarms: [tray_jamm]}",
-            "3: expect.alarms: unknown alarm 'tray_jamm'; did you mean tray_jam?",
-        ),
-        (
-            "title: t\nuntil: {time: 1 s}\nexpect: {counts: {Q: 1}}",
-            "3: expect.counts.Q: unknown key; use one of in_tray, ",
-        ),
-        ("title: t\nuntil: {time: 1 s}\nexpect: {cycles: many}", "3: expect.cycles: 'many': not a number; "),
-        (
-            "title: t\nuntil: {time: 1 s}\nexpect: {alarms: [tray_jam, [a]]}",
-            "3: expect.alarms[2]: must be a word or a mapping, not a list",
-        ),
-        (
-            "title: t\nuntil: {time: 1 s}\nexpect: {incidents: [[a]]}",
-            "3: expect.incidents[1]: must be a word or a number, not a list",
-        ),
-        ("until: {time: 1 s}\nexpect: {cycles: 0}", "1: title: is missing; add it"),
-        ("- a", "1: file: does not begin with a section; write its name and a colon"),
-    ],
+    one_in(
+        3,
+        [
+            ("titel: t", "1: titel: unknown key; did you mean title?"),
+            ("title: t\ntitle: u", "2: file: key 'title' is already defined on line 1; delete one"),
+            ("title: t\nseed: one", "2: seed: must be an integer, 0 to 2147483647, not 'one'"),
+            ("title: t\ntrays: 0", "2: trays: must be an integer, 1 to 1000, not '0'"),
+            ("title: t\nmachine: [a]", "2: machine: must be a mapping; write a key, a colon and a value per line"),
+            (
+                "title: t\nmachine:\n  slide.bore_mm: 5",
+                "3: machine.slide.bore_mm: unknown parameter of the machine; did you mean bore_m?",
+            ),
+            (
+                "title: t\nmachine:\n  supply.pressure_pa: 5 mm",
+                "3: machine.supply.pressure_pa: '5 mm': mm is a unit of another quantity; "
+                "use Pa or kPa or MPa or mbar or bar",
+            ),
+            (
+                "title: t\nmachine:\n  supply.pressure_pa: 50 bar",
+                "3: machine.supply.pressure_pa: must be 50000 to 1e+06, not 5e+06",
+            ),
+            (
+                "title: t\nmachine:\n  cups.pitch_m: 62 mm",
+                "3: machine.spreader.travel_m: spreads the claws to 0.06 m; it must equal cups.pitch_m to 1 mm",
+            ),
+            ("title: t\nset_points: {clam: 1}", "2: set_points.clam: unknown key; did you mean clamp?"),
+            (
+                "title: t\nset_points: {converge_at: 2}",
+                "2: set_points.converge_at: must be an integer, 0 to 1, not '2'",
+            ),
+            ("title: t\nset_points: {clamp: 205 ms}", "2: set_points.clamp: '205 ms': must be a multiple of 10 ms"),
+            (
+                "title: t\nfaults:\n  - {kind: stuck, at: left.lift_up}",
+                "3: faults[1]: stuck: unknown fault; did you mean stuck_on?",
+            ),
+            (
+                "title: t\nfaults:\n  - {kind: stuck_on, at: left.lift_op}",
+                "3: faults[1]: stuck_on:left.lift_op: not a sensor; did you mean left.lift_up?",
+            ),
+            (
+                "title: t\nfaults:\n  - {kind: jammed, at: left.lift, from: 5}",
+                "3: faults[1].from: '5': a time requires a unit; write 5 s or 5 ms",
+            ),
+            (
+                "title: t\nfaults:\n  - {kind: leak, at: supply, size: 3 N}",
+                "3: faults[1].size: '3 N': N is a unit of another quantity; use m3/(s Pa) or dm3/(s bar) or L/(s bar)",
+            ),
+            ("title: t\nfaults:\n  - {kind: jammed}", "3: faults[1].at: is missing; add it"),
+            (
+                "title: t\nactions: [{at: 1 s}]",
+                "2: actions[1]: must contain exactly one action, not 0; use one of press, hold, release, "
+                "command, planting_frequency, power_cycle, air, fault, mend",
+            ),
+            (
+                "title: t\nactions: [{at: 1 s, press: resett}]",
+                "2: actions[1].press: unknown button 'resett'; did you mean reset?",
+            ),
+            ("title: t\nactions: [{at: idle, press: start}]", "2: actions[1].at: unknown time, state or step 'idle'; "),
+            (
+                "title: t\nactions: [{at: 1 s, after: 1 s, press: start}]",
+                "2: actions[1].after: does not apply to a time; specify the final time in at",
+            ),
+            (
+                "title: t\nactions: [{at: 1 s, hold: stop, for: 1 s}]",
+                "2: actions[1].for: does not apply to hold; remove it",
+            ),
+            (
+                "title: t\nuntil: {time: 9 s}\nactions: [{at: 1 s, fault: jammed:left.slyde}]",
+                "3: actions[1].fault: jammed:left.slyde: not a moving part; did you mean left.slide?",
+            ),
+            (
+                "title: t\nactions: [{at: 1 s, fault: missing_cells:tray_1=5}]",
+                "2: actions[1].fault: missing_cells:tray_1: must be set before the run; list it under faults",
+            ),
+            (
+                "title: t\nactions: [{at: 1 s, mend: jammed:left.slyde}]",
+                "2: actions[1].mend: jammed:left.slyde: not a moving part; did you mean left.slide?",
+            ),
+            ("title: t\nexpect: {cycles: 1}", "1: until: is missing; add until: {state: COMPLETE, limit: 300 s} or "),
+            ("title: t\nuntil: {state: HELD}", "2: until.limit: is missing; add it"),
+            ("title: t\nuntil: {time: 1 s}", "1: expect: is missing; add the expected results"),
+            (
+                "title: t\nuntil: {time: 1 s}\nexpect: {}",
+                "3: expect: contains no expectation; add one or more of state, alarms, ",
+            ),
+            (
+                "title: t\nuntil: {time: 1 s}\nexpect: {alarms: [tray_jamm]}",
+                "3: expect.alarms: unknown alarm 'tray_jamm'; did you mean tray_jam?",
+            ),
+            (
+                "title: t\nuntil: {time: 1 s}\nexpect: {counts: {Q: 1}}",
+                "3: expect.counts.Q: unknown key; use one of in_tray, ",
+            ),
+            ("title: t\nuntil: {time: 1 s}\nexpect: {cycles: many}", "3: expect.cycles: 'many': not a number; "),
+            (
+                "title: t\nuntil: {time: 1 s}\nexpect: {alarms: [tray_jam, [a]]}",
+                "3: expect.alarms[2]: must be a word or a mapping, not a list",
+            ),
+            (
+                "title: t\nuntil: {time: 1 s}\nexpect: {incidents: [[a]]}",
+                "3: expect.incidents[1]: must be a word or a number, not a list",
+            ),
+            ("until: {time: 1 s}\nexpect: {cycles: 0}", "1: title: is missing; add it"),
+            ("- a", "1: file: does not begin with a section; write its name and a colon"),
+        ],
+    ),
 )
 def test_an_invalid_file_is_rejected_in_one_line(tmp_path: Path, lines: str, complaint: str) -> None:
     path = scenario_file(tmp_path, lines + "\n")

@@ -45,6 +45,7 @@ def test_the_plant_names_the_story_that_kills_a_mutant() -> None:
     assert killer.startswith("two trays: ")
 
 
+@pytest.mark.nightly
 def test_a_failing_plant_is_reported() -> None:
     """No survivor is reported if the stories were not played."""
     command = [*story_command(DEFAULT_IO_MAP), "--machine", "missing.yaml"]

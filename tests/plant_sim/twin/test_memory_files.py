@@ -16,6 +16,7 @@ from controller.core.retentive_store import FileStore
 from controller.program.tags import FORGOTTEN
 from tests.plant_sim.twin.process_rig import first_events, plant_thread, run_command
 from tests.real_time import COMMAND_S, WAIT_S
+from tests.sampling import first_of
 
 MEMORY_LOST = 904
 """Number of the alarm of lost memory."""
@@ -45,6 +46,7 @@ def test_an_old_copy_of_the_memory_is_set_aside_and_the_operator_is_asked(tmp_pa
     assert "retentive memory is lost" not in errors
 
 
+@pytest.mark.nightly
 def test_a_lost_memory_file_is_reported(tmp_path: Path) -> None:
     """Only both files together may be deleted, for a new machine."""
     memory, mark = tmp_path / "retentive.json", tmp_path / "retentive.json.mark"
@@ -61,7 +63,7 @@ def test_a_lost_memory_file_is_reported(tmp_path: Path) -> None:
     assert alarms(events) == []
 
 
-@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("end", first_of([signal.SIGKILL, signal.SIGINT, signal.SIGTERM]))
 def test_only_a_run_that_was_killed_is_reported_as_such(tmp_path: Path, end: signal.Signals) -> None:
     store = FileStore(tmp_path / "retentive.json")
     with plant_thread() as port:
@@ -110,7 +112,8 @@ def test_a_refused_start_value_leaves_the_memory_alone(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["retentive.json"]
 
 
-@pytest.mark.parametrize("option", [("--pace", "6000"), ("--history", "/proc/no/history.sqlite")])
+@pytest.mark.nightly
+@pytest.mark.parametrize("option", first_of([(("--pace", "6000"),), (("--history", "/proc/no/history.sqlite"),)]))
 def test_a_start_that_is_refused_ends_in_order(tmp_path: Path, option: tuple[str, str]) -> None:
     with plant_thread() as port:
         first_events(port, tmp_path, count=1)

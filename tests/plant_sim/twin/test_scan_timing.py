@@ -18,6 +18,7 @@ from plant_sim.twin.ladder.scan_timing import ScanTiming
 from plant_sim.twin.ladder.trial import LadderReport, ScanRow, run_ladder_trial, table
 from tests.controller.export.fx_equality import EXPORTED
 from tests.controller.program.interlock_scene import MACHINE
+from tests.sampling import first_of
 
 PARAMETERS = load_machine()
 IDLE = read_il("LD X0\nOUT M0\nEND")
@@ -48,6 +49,7 @@ def trial(ladder: Ladder, timing: ScanTiming | None, *, trays: int = 1, estimate
     )
 
 
+@pytest.mark.nightly
 def test_the_machine_works_at_the_scan_times_that_the_supervision_permits() -> None:
     for timing in (ScanTiming(10), ScanTiming(11, 2)):
         report = trial(EXPORTED, timing)
@@ -55,7 +57,7 @@ def test_the_machine_works_at_the_scan_times_that_the_supervision_permits() -> N
         assert report.counts.in_cups > 50
 
 
-@pytest.mark.parametrize("timing", [ScanTiming(18), ScanTiming(10, 0, LONGEST_MS + 1, 100)])
+@pytest.mark.parametrize("timing", first_of([ScanTiming(18), ScanTiming(10, 0, LONGEST_MS + 1, 100)]))
 def test_the_supervision_stops_the_machine_before_it_moves_a_seedling(timing: ScanTiming) -> None:
     report = trial(EXPORTED, timing)
     assert not report.completed
@@ -72,6 +74,7 @@ def test_without_supervision_long_scans_damage_seedlings_or_stop_the_machine() -
     assert not report.completed
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_trial_and_jitter_is_uniform() -> None:
     timing = ScanTiming(12, 2)
     assert trial(IDLE, timing) == trial(IDLE, timing)
@@ -91,6 +94,7 @@ def test_a_constant_scan_beyond_the_watchdog_of_a_module_is_no_error() -> None:
     assert report.counts.in_tray == 72
 
 
+@pytest.mark.nightly
 def test_the_estimate_counts_the_executed_instructions() -> None:
     report = trial(EXPORTED, None, estimates=True)
     estimate = report.scan_estimate

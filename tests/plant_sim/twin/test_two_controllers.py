@@ -78,6 +78,7 @@ def test_one_of_two_controllers_is_refused_and_both_say_so(together: bool, stack
     assert owner.stop() == 0
 
 
+@pytest.mark.nightly
 @pytest.mark.real_time
 def test_the_lease_of_a_killed_controller_ends_and_it_is_restarted(stack: ExitStack, tmp_path: Path) -> None:
     """Killed while it moves an arm, with a second one waiting: the outputs go off, and its restart is the owner."""
@@ -129,6 +130,7 @@ def test_the_second_controller_takes_over_when_its_operator_clears_it(stack: Exi
     assert second.stop() == 0
 
 
+@pytest.mark.nightly
 def test_the_plant_reports_a_refused_write_once_a_second(stack: ExitStack, tmp_path: Path) -> None:
     """On standard error, with both addresses; a client that hammers it does not fill the log."""
     process = subprocess.Popen(

@@ -33,7 +33,14 @@ GEOMETRY: Final = {
 }
 """Dimensions of the drawing: slide positions inward from feed for a row spacing of 600 mm; lift stroke; belt travel."""
 
-_TIME_BASES: Final = {" x10 ms": 10, " x100 ms": 100}
+_UNITS: Final[dict[str, tuple[float, str]]] = {
+    " x10 ms": (10, "ms"),
+    " x100 ms": (100, "ms"),
+    " mm": (1, "mm"),
+    " mm/s": (1, "mm/s"),
+    " x0.01": (0.01, ""),
+}
+"""Value of one count of a set-point, and its unit, by the end of the name of its word."""
 
 
 def public(language: Language | None = None) -> Json:
@@ -194,12 +201,12 @@ def _set_points(machine: Transplanter) -> Iterator[Json]:
     for name in set_points.names():
         word = getattr(set_points, name)
         lowest, highest = set_points.limits[word]
-        scale = next((ms for ending, ms in _TIME_BASES.items() if word.name.endswith(ending)), None)
+        scale, unit = next((value for ending, value in _UNITS.items() if word.name.endswith(ending)), (1, ""))
         yield {
             "name": name,
             "text": _label(f"set.{name}", word.name),
-            "unit": "" if scale is None else "ms",
-            "scale": scale or 1,
+            "unit": unit,
+            "scale": scale,
             "lowest": lowest,
             "highest": highest,
             "first": defaults[word],

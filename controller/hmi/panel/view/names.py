@@ -44,7 +44,7 @@ _COMMANDS: Final = {
         "right_discard": Text("Discard right", "右臂弃苗"),
         "jog_release": Text("End jog", "结束点动"),
         **{
-            f"{side}_row_{row}_empty": Text(f"{name.en.capitalize()} row {row} empty", f"{name.zh}{row}行为空")
+            f"{side}_row_{row}_empty": Text(f"{name.en.capitalize()} row {row} empty", f"{name.zh} {row} 行为空")
             for side, name in SIDES.items()
             for row in TRAY_ROWS
         },
@@ -88,12 +88,12 @@ _SET_POINTS: Final = {
         "pause_at_feed": Text("Pause at feed before spreading", "投苗位分散前停顿"),
         "tray_index": Text("Tray index time at full speed", "苗盘全速送进时间"),
         "slide_least": Text("Minimum slide time between row and feed", "苗行与投苗位之间的最短移动时间"),
-        "ground_pulse": Text("Travel per ground pulse, mm", "每个地轮脉冲的行程（毫米）"),
-        "planter_pitch": Text("Distance of the planters on the chain, mm", "链条上栽植器间距（毫米）"),
-        "lambda_lowest": Text("Lowest lambda, 0.01", "λ 下限（0.01）"),
-        "lambda_highest": Text("Highest lambda, 0.01", "λ 上限（0.01）"),
-        "planter_lambda": Text("Lambda of a driven planter, 0.01", "自带电机栽植器的 λ（0.01）"),
-        "planter_speed": Text("Chain speed of a driven planter, mm/s", "自带电机栽植器的链条速度（毫米/秒）"),
+        "ground_pulse": Text("Travel per ground pulse", "每个地轮脉冲的行程"),
+        "planter_pitch": Text("Distance of the planters on the chain", "链条上栽植器间距"),
+        "lambda_lowest": Text("Lowest lambda", "λ 下限"),
+        "lambda_highest": Text("Highest lambda", "λ 上限"),
+        "planter_lambda": Text("Lambda of a driven planter", "自带电机栽植器的 λ"),
+        "planter_speed": Text("Chain speed of a driven planter", "自带电机栽植器的链条速度"),
         "cup_time_shortest": Text("Shortest permitted time from cup to cup", "苗杯最短允许间隔时间"),
         "cup_time_longest": Text("Longest time from cup to cup with a release", "允许投苗的苗杯最长间隔时间"),
         "ground_pulses_least": Text("Least ground pulses from cup to cup", "相邻苗杯间最少地轮脉冲数"),
@@ -184,8 +184,8 @@ _CONDITIONS: Final = {
         "descend at count": ("cup count for lowering", "下降计数设定"),
         "emptying": ("emptying the line", "正在清空苗盘线"),
         "entered Starting": ("entering Starting", "进入启动状态"),
-        "holding": ("state is Holding", "处于保持中状态"),
-        "stopping": ("state is Stopping", "处于停止中状态"),
+        "holding": ("in Holding", "处于保持中状态"),
+        "stopping": ("in Stopping", "处于停止中状态"),
         "start requested": ("start requested", "有启动请求"),
         "ask loaded": ("question open: arm loaded?", "待确认是否持苗"),
         "at feed": ("slide at feed", "滑块在投苗位"),

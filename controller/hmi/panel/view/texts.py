@@ -23,6 +23,7 @@ _FORMATS: Final = {
     "duration.h": Text("{h} h {min} min", "{h} 小时 {min} 分"),
     "unit.s": Text("s", "秒"),
     "unit.ms": Text("ms", "毫秒"),
+    "unit.mm/s": Text("mm/s", "毫米/秒"),
     "unit.1/h": Text("1/h", "行/小时"),
 }
 """Units, and formats with which the page combines texts and values."""
@@ -278,6 +279,7 @@ _CHARTS: Final = {
     "trends.out": Text("– Zoom out", "– 缩小"),
     "trends.earlier": Text("Earlier", "较早"),
     "trends.later": Text("Later", "较晚"),
+    "trends.latest": Text("The latest values are shown", "已显示最新数据"),
     "trends.from_to": Text("{from} to {to}", "{from} 至 {to}"),
     "trends.shown": Text(
         "{range}; one point: {step}, mean as a line, lowest to highest value shaded",
@@ -306,6 +308,9 @@ _CHARTS: Final = {
     "steps.about": Text(
         "The highlighted step is active; the bars below a step are its transitions.",
         "高亮的步为当前步；步下方的横线为其转移条件。",
+    ),
+    "steps.none": Text(
+        "No step is active; the bars below a step are its transitions.", "没有当前步；步下方的横线为其转移条件。"
     ),
     "steps.waits": Text("Waiting for {what}", "等待{what}"),
     "steps.active": Text("Active", "当前步"),

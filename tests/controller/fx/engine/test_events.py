@@ -143,6 +143,7 @@ def test_every_counter_counts_its_terminals(number: int) -> None:
         assert plc.memory.CV[number] == 0
 
 
+@pytest.mark.nightly
 def test_a_thousand_pulses_are_all_counted() -> None:
     plc = started("LD M8000\nOUT C235 K1000\nLD C235\nOUT Y0\nEND")
     for at_ms in range(1, 2_001):

@@ -263,6 +263,7 @@ def test_cpu_and_modules_apply_to_a_live_program(tmp_path: Path) -> None:
         assert process.stop() == 0
 
 
+@pytest.mark.nightly
 def test_a_port_in_use_is_reported_in_one_line(program: Path) -> None:
     with Process(
         "ladder", ["controller", "ladder", "run", str(program), "--serve-mc", "1e", "--mc-port", "0"]

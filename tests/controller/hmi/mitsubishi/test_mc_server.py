@@ -427,6 +427,7 @@ def test_mutated_frames_change_nothing_and_the_server_answers_afterwards(rig: Mc
     until(lambda: rig.mc.connections == 1, rig.hmi.client())
 
 
+@pytest.mark.nightly
 def test_a_client_that_does_not_read_its_answers_is_not_read_either(shared: McRig) -> None:
     """Requests without reading an answer fill the buffers of the computer; the server then serves the others."""
     request = shared.frame.encode_request(ReadWords(D("D8000"), 60))

@@ -239,6 +239,7 @@ def until_words(stack: Stack, first: str, expected: list[int]) -> None:
         assert attempt < ATTEMPTS, f"{first}: {stack.words(first, len(expected))}"
 
 
+@pytest.mark.nightly
 def test_every_kind_of_device_is_read_and_written(stack: Stack) -> None:
     assert stack.write_bits("X10", [False, False])
     assert stack.write_bits("M10", [False])
@@ -282,7 +283,7 @@ def machine_ports(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str
             port = (plant.next_line(LIMIT_S) or "").rpartition(":")[2]
             options = ["--port", port, "--retain", str(folder / "retentive.json"), "--timeout-ms", "5000"]
             options += ["--mc", frame, "--mc-port", "0", "--events", "json", "--no-console", "--no-hmi"]
-            options += ["--simulated-time", "--pace", "1000"]
+            options += ["--simulated-time", "--pace", "100"]
             controller = stack.enter_context(Process(f"controller {frame}", ["controller", "run", *options]))
             event: dict[str, Any] = {}
             while event.get("event") != "serving_mc":
@@ -293,6 +294,7 @@ def machine_ports(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str
         yield ports
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["pymcprotocol 3E", "plc-comm-slmp", "mcprotocol"])
 def test_the_machine_is_read_and_commanded_but_not_otherwise_written(machine_ports: dict[str, int], name: str) -> None:
     with ExitStack() as exits:

@@ -21,6 +21,7 @@ from tests.controller.hmi.panel.test_chinese import latin_words, punctuation_err
 from tests.controller.hmi.panel.test_jog import jog
 from tests.controller.program.interlock_scene import MACHINE
 from tests.plant_sim.twin.twin_rig import switched_on
+from tests.sampling import one_in
 
 AT_FEED = {
     "lift_extend": RULES["load down only when spread"],
@@ -65,7 +66,7 @@ def scenes(seed: int, count: int) -> Iterator[Memory]:
         yield memory
 
 
-@pytest.mark.parametrize("output", JOGGED)
+@pytest.mark.parametrize("output", one_in(9, JOGGED))
 def test_the_reason_is_that_of_the_first_rule_that_blocks(output: str) -> None:
     """Each rule of the output is the reason in some situation, and no reason is given for an output that may be on."""
     rules, given = rules_of(output), set()

@@ -185,7 +185,12 @@ def test_description_is_complete() -> None:
     machine = build(load_io_map(DEFAULT_IO_MAP))
     description = json.loads(json.dumps(describe(machine, None)))
     assert [each["name"] for each in description["commands"]] == [command.name for command in machine.tags.commands]
-    assert {each["name"]: (each["scale"], each["unit"]) for each in description["set_points"]}["clamp"] == (10, "ms")
+    units = {each["name"]: (each["scale"], each["unit"]) for each in description["set_points"]}
+    assert units["clamp"] == (10, "ms")
+    assert units["ground_pulse"] == (1, "mm")
+    assert units["planter_speed"] == (1, "mm/s")
+    assert units["lambda_lowest"] == (0.01, "")
+    assert units["trays_target"] == (1, "")
     assert [each["output"] for each in description["jogs"]] == list(machine.tags.commands.jog)
     names = {each["name"] for each in description["commands"]}
     assert {answer["command"] for question in description["questions"] for answer in question["answers"]} <= names

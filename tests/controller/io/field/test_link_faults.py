@@ -175,6 +175,7 @@ def resume(twin: FaultTwin) -> None:
     twin.start()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("seed", "trays"), first_of([(1, 1), (2, 2), (3, 2), (4, 2)]))
 def test_a_thousand_link_faults_in_a_trial(seed: int, trays: int) -> None:
     with ExitStack() as stack:

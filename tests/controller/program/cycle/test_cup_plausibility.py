@@ -66,7 +66,7 @@ def complete(twin: Twin) -> None:
 
 
 @pytest.mark.parametrize("per_min", one_in(2, [90.0, 45.0, 20.0, 60.0]))
-@pytest.mark.parametrize("offset_m", [0.0, 0.0004, -0.0008, 0.030])
+@pytest.mark.parametrize("offset_m", one_in(3, [0.0, 0.0004, -0.0008, 0.030]))
 def test_flags_of_both_rows_in_any_position_to_each_other_raise_no_alarm(offset_m: float, per_min: float) -> None:
     """If the flags of both rows arrive together, their order changes from cup to cup; no cup is left empty for that."""
     machine = MACHINE.with_values({"cups.planting_frequency_per_min": per_min})
@@ -89,7 +89,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("sides", "kind", "share", "per_min"), one_in(13, CASES))
+@pytest.mark.parametrize(("sides", "kind", "share", "per_min"), one_in(29, CASES))
 def test_one_row_counted_wrongly_is_reported_within_twelve_cups(
     sides: Sequence[Side], kind: int, share: float, per_min: float
 ) -> None:
@@ -147,7 +147,7 @@ def test_the_ground_sensor_tells_both_rows_at_any_frequency(kind: int, per_min: 
     complete(twin)
 
 
-@pytest.mark.parametrize("slip", [0.0, 0.2, 0.35])
+@pytest.mark.parametrize("slip", one_in(3, [0.0, 0.2, 0.35]))
 def test_slip_of_the_drive_wheel_is_no_alarm_of_the_cups(slip: float) -> None:
     twin = at_frequency(45.0, io_map=GROUND)
     twin.plant.ground.slip = slip
@@ -206,6 +206,7 @@ def test_the_shortest_next_cup_is_reached_by_no_permitted_motion(per_min: float)
 # what no program can tell
 
 
+@pytest.mark.nightly
 def test_flags_halved_from_the_start_give_the_same_inputs_as_twice_the_frequency() -> None:
     """Both rows carry two flags for each cup: no program can tell, and a ground sensor does."""
     sound, harmed = running(45.0), running(22.5, halved=True)

@@ -58,6 +58,7 @@ def test_the_bound_is_the_sum_of_the_time_limits() -> None:
     assert limit.ms == 47_950
 
 
+@pytest.mark.nightly
 def test_prove_prints_the_bound(capsys: pytest.CaptureFixture[str]) -> None:
     """`prove` reports T; the invariants on which it depends are proved with it."""
     assert main(["prove", "--verbose", "--goal", "homing ends within T"]) == 0
@@ -112,6 +113,7 @@ def test_every_state_of_the_rows_ends_in_idle(scan_ms: int) -> None:
     assert found.starts > 10_000
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("every", first_of([SAMPLE, 1]))
 def test_a_stuck_switch_ends_homing_in_time(every: int) -> None:
     """With any switch stuck, homing ends within T in Idle, an alarm or a question, and in Idle after the repair."""
@@ -120,6 +122,7 @@ def test_a_stuck_switch_ends_homing_in_time(every: int) -> None:
     assert found.starts > 35_000 // every
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("side", SIDES)
 def test_without_its_question_an_arm_that_has_not_gripped_is_a_dead_end(side: Side) -> None:
     """The rule that only claws that have gripped may be lifted then blocks the lift in every homing."""

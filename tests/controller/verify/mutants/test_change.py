@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from controller.core.expr import Expr, Timer, all_of
 from controller.core.program import Block, Program
 from controller.core.rungs import Mov, OnDelay, Out, Rst, Rung, Set
@@ -110,6 +112,7 @@ def test_every_kind_of_change_exists_in_the_machine_program_and_names_are_unique
     assert len({str(mutant) for mutant in mutants}) == len(mutants)
 
 
+@pytest.mark.nightly
 def test_a_sample_contains_every_kind_and_begins_every_larger_one() -> None:
     """Another seed gives another sample; every sampled program differs from the original in one block."""
     mutants = mutants_of(MACHINE.program)
@@ -122,6 +125,7 @@ def test_a_sample_contains_every_kind_and_begins_every_larger_one() -> None:
         assert [one.title for one, other in pairs if one != other] == [mutant.block]
 
 
+@pytest.mark.nightly
 def test_a_new_rung_leaves_most_of_a_sample_as_it_was() -> None:
     """After a rung is added to a block, at least nine tenths of the sample are the same changes."""
     program = MACHINE.program

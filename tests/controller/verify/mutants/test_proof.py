@@ -108,12 +108,14 @@ KNOWN = {
 """Mutants that once survived, with the requirements that now kill them."""
 
 
-@pytest.mark.parametrize(("name", "goal"), KNOWN.items())
+@pytest.mark.nightly
+@pytest.mark.parametrize(("name", "goal"), first_of(KNOWN.items()))
 def test_mutants_that_survived_are_killed(name: str, goal: str) -> None:
     """A stuck X24 no longer clears an emergency stop, and a load is no longer lowered half spread, unnoticed."""
     assert goal in proof().violated(mutants()[name].program)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("name", "goal"), first_of(KNOWN.items()))
 def test_the_shared_proof_agrees_with_the_proof(name: str, goal: str) -> None:
     """A mutant with a violated goal is reported by ``prove``."""
@@ -122,6 +124,7 @@ def test_the_shared_proof_agrees_with_the_proof(name: str, goal: str) -> None:
     assert [row.result for row in report.rows if row.name == goal] == [ProofResult.UNPROVED]
 
 
+@pytest.mark.nightly
 def test_the_shared_proof_of_the_original_program_has_no_violation() -> None:
     assert proof().violated(MACHINE.program) == []
     assert proof().blocked_way_out(MACHINE.program) == ""

@@ -43,7 +43,7 @@ def assert_equal(module: IoModule, expected: Reference) -> None:
     assert module.plant.state.tobytes() == expected.state
 
 
-@pytest.mark.parametrize("name", first_of(MODBUS, 2))
+@pytest.mark.parametrize("name", first_of(MODBUS))
 def test_a_program_behind_a_modbus_tcp_server_drives_the_machine_like_the_twin(name: str) -> None:
     profile, expected = profile_of(name), reference()
     with modbus_plc(profile, ProgramOfPlc().scan) as port:
@@ -114,7 +114,7 @@ def serial_slave(name: str, path: str) -> Iterator[None]:
 
 
 @pytest.mark.filterwarnings("ignore:isSet:DeprecationWarning")  # modbus_tk 1.1.5
-@pytest.mark.parametrize("name", SERIAL)
+@pytest.mark.parametrize("name", first_of(SERIAL))
 def test_a_program_behind_a_serial_slave_drives_the_machine_like_the_twin(name: str) -> None:
     profile, expected = profile_of(name), homing(until_ms=2_000)
     with SerialCable() as cable, serial_slave(name, cable.ends[1]):
@@ -123,7 +123,7 @@ def test_a_program_behind_a_serial_slave_drives_the_machine_like_the_twin(name: 
     assert_equal(module, expected)
 
 
-@pytest.mark.parametrize(("name", "handler"), [("fx3u-enet", Handler1E), ("fx5u-slmp", Handler3E)])
+@pytest.mark.parametrize(("name", "handler"), first_of([("fx3u-enet", Handler1E), ("fx5u-slmp", Handler3E)]))
 def test_a_program_behind_an_mc_server_drives_the_machine_like_the_twin(name: str, handler: type) -> None:
     profile, expected = profile_of(name), reference()
     with mc_plc(handler, ProgramOfPlc().scan) as port:

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from controller.common.document.parts import Table
 from plant_sim.common.paper_sheet import equation
 from plant_sim.study.cabbage.fits import (
     Response,
@@ -20,8 +21,8 @@ from plant_sim.study.cabbage.fits import (
 from plant_sim.study.cabbage.study import cabbage_study, speed_ratio
 from plant_sim.study.errors import StudyError
 from plant_sim.study.paper_tables import CabbageData, cabbage_experiment, printed_anova
-from plant_sim.study.report.parts import Picture, Table
 from plant_sim.study.report.study import Study
+from tests.plant_sim.study.figures import figures_of
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +172,7 @@ def test_the_report_explains_the_sampled_front_and_the_basis_of_its_tail(
 
 def test_the_plots(studies: dict[str, Study]) -> None:
     for study in studies.values():
-        pictures = {part.name: part.figure for part in study.parts if isinstance(part, Picture)}
+        pictures = figures_of(study)
         assert list(pictures) == ["y1-contours", "y1-runs", "y2-contours", "y2-runs", "pareto-front"]
         labels = [line.get_label() for line in pictures["pareto-front"].axes[0].lines]
         assert labels[:3] == ["settings in the box", "Pareto front", "claimed setting, by the refit"]
@@ -180,8 +181,8 @@ def test_the_plots(studies: dict[str, Study]) -> None:
 def test_the_optimum_of_the_paper_is_marked_at_its_setting(studies: dict[str, Study]) -> None:
     """The 2.9 and 2.83 % stated in [K] and the predictions of the refitted models have different markers."""
     for study in studies.values():
-        (picture,) = (part for part in study.parts if isinstance(part, Picture) and part.name == "pareto-front")
-        drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in picture.figure.axes[0].lines}
+        (axes,) = figures_of(study)["pareto-front"].axes
+        drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in axes.lines}
         assert drawn["claimed by the paper: 2.9, 2.83"].tolist() == [[2.9, 2.83]]
         assert drawn["claimed setting, by the refit"][0] != pytest.approx([2.9, 2.83], abs=0.01)
 
@@ -190,10 +191,7 @@ def test_the_slices_contain_the_smallest_response(studies: dict[str, Study]) -> 
     """The marker of the smallest response is filled in every panel: the third factor has the level of that point."""
     for study in studies.values():
         for name in ("Y1", "Y2"):
-            (picture,) = (
-                part for part in study.parts if isinstance(part, Picture) and part.name == f"{name.lower()}-contours"
-            )
-            for panel in picture.figure.axes[:3]:
+            for panel in figures_of(study)[f"{name.lower()}-contours"].axes[:3]:
                 (line,) = (each for each in panel.lines if each.get_label() == "smallest in the box")
                 assert line.get_markerfacecolor() != "none"
 

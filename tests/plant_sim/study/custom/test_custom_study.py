@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from controller.common.document.parts import Heading, Picture, Table
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.custom.file import load_custom_study, responses
@@ -19,12 +20,12 @@ from plant_sim.study.custom.study import custom_study
 from plant_sim.study.errors import StudyError
 from plant_sim.study.estimates import Estimate, estimate
 from plant_sim.study.factors import FactorSetting
-from plant_sim.study.report.parts import Heading, Picture, Table
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions
 from plant_sim.twin.report import TrialReport
 from plant_sim.twin.trial import run_trial
 from tests.paths import DOCS
+from tests.plant_sim.study.figures import figures_of
 
 EXAMPLE = DOCS / "examples/own-study.yaml"
 MACHINE = load_machine()
@@ -443,8 +444,8 @@ def test_the_plots_match_the_design_and_the_model(
     assert [part.name for part in study.parts if isinstance(part, Picture)] == pictures
     assert line in study.text()
     if "cycle-time-s-contours" not in pictures:
-        effects = next(part for part in study.parts if isinstance(part, Picture) and part.name.startswith("cycle"))
-        drawn = effects.figure.axes[1].lines[1].get_ydata()
+        effects = next(figure for name, figure in figures_of(study).items() if name.startswith("cycle"))
+        drawn = effects.axes[1].lines[1].get_ydata()
         assert np.asarray(drawn) == pytest.approx([10.0, 6.0])  # mean over foam at 0.3 and 0.5 MPa
 
 
@@ -506,9 +507,9 @@ def test_a_model_without_significance_is_reported_first_and_has_no_surface(tmp_p
     study = custom_study(load_custom_study(written(tmp_path, text), MACHINE), options(Chance))
     before = study.parts[: study.parts.index(Heading("Runs"))]
     assert any(str(part).startswith("cycle_time_s: the model is not significant") for part in before)
-    pictures = {part.name: part for part in study.parts if isinstance(part, Picture)}
-    assert list(pictures) == ["cycle-time-s-main-effects"]
-    assert len(pictures["cycle-time-s-main-effects"].figure.axes[0].lines) == 1
+    ((name, figure),) = figures_of(study).items()
+    assert name == "cycle-time-s-main-effects"
+    assert len(figure.axes[0].lines) == 1
     assert "cycle-time-s-coefficients" in [part.name for part in study.parts if isinstance(part, Table)]
 
 

@@ -84,6 +84,7 @@ def test_no_point_within_the_bounds_is_better_than_the_optimum(surface: Polynomi
         assert value <= everywhere.min() + 1e-5
 
 
+@pytest.mark.nightly
 @examples(6, nightly=15)
 @given(quadratics, quadratics)
 def test_no_setting_dominates_the_front(a: Polynomial, b: Polynomial) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from controller.common.document.parts import Table
 from plant_sim.crop.expectation import Shares
 from plant_sim.crop.mechanics import SeedlingSpec
 from plant_sim.crop.response import CropSpec
@@ -29,7 +30,6 @@ from plant_sim.study.pepper.calibration import (
 )
 from plant_sim.study.pepper.calibration_study import calibration_study
 from plant_sim.study.pepper.nominal import NominalMotion, nominal_motion
-from plant_sim.study.report.parts import Table
 from tests.paths import DOCS
 
 MACHINE = load_machine()

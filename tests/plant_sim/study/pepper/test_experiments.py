@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.common.document.parts import Picture, Table
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.cli.study.command import add_arguments
 from plant_sim.cli.study.command import run as study_command
@@ -28,7 +29,6 @@ from plant_sim.study.pepper.nominal import NominalMotion, nominal_motion, observ
 from plant_sim.study.pepper.response_surface import rsm_study
 from plant_sim.study.pepper.single_factor import _statements_table, single_study
 from plant_sim.study.pepper.statements import STATEMENTS
-from plant_sim.study.report.parts import Picture, Table
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions, trial_seed
 from plant_sim.twin.repeats import pool
@@ -438,6 +438,7 @@ def test_statements_are_listed_with_their_criterion_and_the_complete_course() ->
 # --- the orthogonal test
 
 
+@pytest.mark.nightly
 def test_rsm_runs_table_4_and_the_verification(no_chance: Expected) -> None:
     """Runs have the levels of Table 3 in the order of Table 4, then the paper's optimum; all seeds are different."""
     record = json.loads(rsm_study(OPTIONS).json())
@@ -458,6 +459,7 @@ def test_rsm_runs_table_4_and_the_verification(no_chance: Expected) -> None:
     assert list(raised) == pytest.approx([0.64825])
 
 
+@pytest.mark.nightly
 def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper() -> None:
     """The optima agree within 1 mm, 2 d and 0.03 MPa, success rate and coefficients within 0.5 percentage points."""
     study = typical(rsm_study)
@@ -475,6 +477,7 @@ def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper() -
     assert f"by {shift[0]:+.2f} mm, {shift[1]:+.2f} d and {shift[2]:+.3f} MPa." in study.text()
 
 
+@pytest.mark.nightly
 def test_rsm_compares_paper_refit_and_twin() -> None:
     """Every table contains the values of the record under the correct heading."""
     study = typical(rsm_study)
@@ -517,6 +520,7 @@ def test_rsm_reports_the_uncertainty_of_its_optimum() -> None:
     assert "The regression uses each run once, with the pooled success rate of its 2 trials." in study.text()
 
 
+@pytest.mark.nightly
 def test_an_optimum_above_100_percent_is_reported(monkeypatch: pytest.MonkeyPatch, no_chance: Expected) -> None:
     """For random runs of 0 or 100 %, the caveat appears at the top of the report and beside the optimum."""
     lots = np.random.default_rng(0)
@@ -568,6 +572,7 @@ def test_single_reports_contradicted_statements_first() -> None:
     assert f"confirm {list(recorded.values()).count('yes')}." in text
 
 
+@pytest.mark.nightly
 def test_the_verification_compares_every_trial_with_those_of_the_paper(
     monkeypatch: pytest.MonkeyPatch, no_chance: Expected
 ) -> None:

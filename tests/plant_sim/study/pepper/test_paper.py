@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from controller.common.document.parts import Table
 from plant_sim.common.paper_sheet import equation, sheet
 from plant_sim.common.polynomial import Polynomial
 from plant_sim.study.doe.design import central_composite, to_coded, to_natural
@@ -27,9 +28,9 @@ from plant_sim.study.pepper.paper import (
 )
 from plant_sim.study.report import study as report
 from plant_sim.study.report.fit_parts import anova_table, coefficient_table, optimum_table, p_text
-from plant_sim.study.report.parts import Picture, Table
 from plant_sim.study.report.study import Study
 from plant_sim.study.report.surface import _grid
+from tests.plant_sim.study.figures import figures_of
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +131,7 @@ def test_the_record_contains_the_figures(study: Study) -> None:
 
 
 def test_the_plots_show_all_pairs_and_mark_the_optimum(study: Study) -> None:
-    over, runs = (part.figure for part in study.parts if isinstance(part, Picture))
+    over, runs = figures_of(study).values()
     *panels, _ = over.axes
     pairs = [(axes.get_xlabel().split(",")[0], axes.get_ylabel().split(",")[0]) for axes in panels]
     names = [factor.name for factor in PEPPER_FACTORS]

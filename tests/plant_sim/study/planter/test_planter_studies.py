@@ -160,6 +160,7 @@ def lodging_report() -> Study:
         return lodging.lodging_study(PLANTER, RANGES, blocks=10, seedlings=6, seed=1, workers=1)
 
 
+@pytest.mark.nightly
 def test_lodging_study_holds_runs_back_and_compares(lodging_report: Study, tmp_path: Path) -> None:
     record = record_of(lodging_report)
     fits = record["fits"]
@@ -181,6 +182,7 @@ def test_lodging_study_holds_runs_back_and_compares(lodging_report: Study, tmp_p
     assert "lodging-runs.png" in {path.name for path in write(lodging_report, tmp_path / "out")}
 
 
+@pytest.mark.nightly
 def test_seedlings_needed_for_the_scatter_of_the_centres(lodging_report: Study) -> None:
     assert "would need 2233 per run" in lodging_report.text()
     rows = {line.split()[0]: line.split() for line in lodging_report.text().splitlines() if line.endswith(" 7.91")}

@@ -7,11 +7,11 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
+from controller.common.document.parts import Picture
 from plant_sim.common.polynomial import Polynomial
 from plant_sim.study.doe.design import Factor, central_composite
 from plant_sim.study.doe.regression import Fit, fit, terms
 from plant_sim.study.report.fit_parts import doubts, explains, fit_pictures, no_share_text
-from plant_sim.study.report.parts import Picture, Table
 from plant_sim.study.report.surface import contours, observed_against_predicted
 
 FACTORS = (Factor("foam", "mm", 10.0, 2.0), Factor("age", "d", 50.0, 5.0), Factor("count", "-", 3.0, 1.0))
@@ -100,7 +100,3 @@ def test_the_line_of_the_model_has_a_label() -> None:
 def test_plots_of_a_fit_report_shares_out_of_range_first() -> None:
     parts = fit_pictures("s", of({"1": 10.0, "X1": 20.0}), FACTORS, response="S, %", marks={}, held=np.zeros(3))
     assert [type(part) for part in parts] == [str, Picture, Picture]
-
-
-def test_zero_has_no_minus_sign() -> None:
-    assert Table("t", "T", ("a", "b"), ((-0.004, -0.006),)).shown() == [("0.00", "-0.01")]

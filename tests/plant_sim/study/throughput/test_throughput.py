@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controller.common.document.parts import Picture, Table
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.set_points import SetPoints
 from controller.program.tags import ROWS
 from plant_sim.common.figure_style import drawing, save
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.errors import StudyError
-from plant_sim.study.report.parts import Picture, Table
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions
 from plant_sim.study.throughput import driving
@@ -37,6 +37,8 @@ from plant_sim.study.throughput.pace import (
 from plant_sim.study.throughput.study import throughput_study
 from plant_sim.study.throughput.timeline import ARM
 from plant_sim.twin.trial import run_trial
+
+pytestmark = pytest.mark.nightly
 
 MACHINE = load_machine()
 FREQUENCIES = (50, 60)

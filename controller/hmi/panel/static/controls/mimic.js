@@ -8,7 +8,7 @@ const SIDES = { left: -1, right: 1 };
 const MARGIN_MM = 11;
 const CUP_MM = 23;
 const FLOOR = 610;
-const LIFT_TOP = 470;
+const LIFT_TOP = 480;
 const OPEN_DEG = 30;
 const OPEN_GAP_MM = 9;
 const CLOSED_GAP_MM = 4;
@@ -23,8 +23,8 @@ function dimensions(geometry) {
   return { rows, cups, pitch, half, spread: spread / (cups - 1), spreadMm: spread, liftMm: geometry.lift_mm };
 }
 
-const PLAN = { top: -392, height: 800 };
-const PLAN_AND_REAR = { top: -392, height: 1024 };
+const PLAN = { top: -470, height: 878 };
+const PLAN_AND_REAR = { top: -440, height: 1072 };
 
 export class Mimic {
   /** @param rear whether the rear view is drawn below the top view */
@@ -46,7 +46,7 @@ export class Mimic {
       draw("path", { class: "ground", d: `M${-width / 2} ${FLOOR} H${width / 2}` }),
       draw("rect", { class: "tray-side", x: -140, y: FLOOR - 62, width: 280, height: 40 }),
       ...Object.values(this.arms).flatMap((arm) => [arm.cupSide, arm.behind]),
-      draw("text", { class: "caption", x: -width / 2 + 8, y: -370, text: t("mimic.plan") }),
+      draw("text", { class: "caption", x: -width / 2 + 8, y: part.top + 30, text: t("mimic.plan") }),
       draw("text", { class: "caption", x: -width / 2 + 8, y: 425, text: t("mimic.side") }),
     );
   }

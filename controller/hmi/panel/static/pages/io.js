@@ -20,15 +20,18 @@ export class IoPage {
     const points = (kind) => app.describe.points.filter((point) => point.kind === kind);
     this.inputs = points("input").map((point) => new PointRow(point, forceButtons(point)));
     this.outputs = points("output").map((point) => new PointRow(point, jogs.has(point.tag) ? [jogButton(labelled(pointMeaning(point), t("io.hold")), point.tag, { "data-part": "io" })] : []));
-    this.noForcing = make("p", { class: "why" });
+    this.noForcing = make("p", { class: "why", "data-part": "no-forcing" });
+    this.noJogs = make("p", { class: "why", "data-part": "no-jogs", text: t("why.maintain") });
     this.node = make("div", { class: "column" },
       section("io.inputs", this.noForcing, table(this.inputs, "io.force", "inputs")),
-      section("io.outputs", table(this.outputs, "io.hold", "outputs")));
+      section("io.outputs", this.noJogs, table(this.outputs, "io.hold", "outputs")));
   }
 
   update(view) {
     const permitted = hasLevel("maintain");
-    write(this.noForcing, view.link.forcing_allowed ? "" : t("io.no_forcing"));
+    write(this.noForcing, t(view.link.forcing_allowed ? "why.maintain" : "io.no_forcing"));
+    this.noForcing.hidden = permitted && view.link.forcing_allowed;
+    this.noJogs.hidden = permitted;
     this.inputs.forEach((row) => row.update(view, permitted && view.link.forcing_allowed));
     this.outputs.forEach((row) => row.update(view, permitted));
   }

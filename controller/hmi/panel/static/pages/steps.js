@@ -19,7 +19,8 @@ export class StepsPage {
     this.free = true; // to show another sequence
     this.follow = make("button", { type: "button", class: "order", "data-action": "follow", text: t("steps.follow"),
       on: { click: () => this.#toggle() } });
-    this.node = make("div", { class: "column" }, make("p", { class: "steps-about", text: t("steps.about") }),
+    this.about = make("p", { class: "steps-about" });
+    this.node = make("div", { class: "column" }, this.about,
       make("div", { class: "orders" }, this.follow),
       make("div", { class: "orders steps-shown", role: "group", "aria-label": t("steps.shown") }, ...this.lists.map((list) => list.choice)),
       make("div", { class: "sequences" }, ...this.lists.map((list) => list.node)));
@@ -30,6 +31,7 @@ export class StepsPage {
     mark(this.follow, "aria-pressed", String(following));
     this.lists.forEach((list) => list.update(view));
     const active = this.lists.filter((list) => list.active !== null).map((list) => list.sequence);
+    write(this.about, t(active.length > 0 ? "steps.about" : "steps.none"));
     this.free ||= active.includes(this.shown);
     if (!following) return;
     if (this.free && active.length > 0 && !active.includes(this.shown)) this.#show(active[0], true);

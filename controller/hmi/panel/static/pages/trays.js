@@ -4,7 +4,7 @@ import { app } from "../app.js";
 import { Facts, Sections, commandButton, orders, section } from "../controls/parts.js";
 import { make } from "../dom.js";
 import { trayWords, traysLeft } from "./production.js";
-import { t } from "../texts.js";
+import { list, t } from "../texts.js";
 
 const SIDES = ["left", "right"];
 
@@ -37,8 +37,9 @@ export class TraysPage {
 /** Rows of the tray as the controller remembers them, by arm. */
 class StoredRows {
   constructor() {
+    const rows = Array.from({ length: app.describe.geometry.rows }, (_, n) => n + 1);
     this.arms = Object.fromEntries(SIDES.map((side) => [side,
-      new Facts(Object.keys(app.link.view.arms[side].rows).map((row) => [`${side}_row_${row}`, `${t(side)} ${row}`]))]));
+      new Facts(rows.map((row) => [`${side}_row_${row}`, list([t(side), `${t("row")} ${row}`])]))]));
     this.node = make("div", { class: "two" }, ...Object.values(this.arms).map((facts) => facts.node));
   }
 

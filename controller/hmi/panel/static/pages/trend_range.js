@@ -9,7 +9,7 @@ const LIVE_SHARE = 0.03; // of the span: a range that ends this shortly before n
 export class TrendRange {
   constructor() {
     this.spanMs = SPANS_MIN[0] * MINUTE_MS;
-    this.nowMs = 0; // of the panel, with the latest answer
+    this.nowMs = Date.now(); // of the panel, with the latest answer
     this.keptMs = LONGEST_MS;
     this.endMs = null; // null: live
   }

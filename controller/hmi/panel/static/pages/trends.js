@@ -1,6 +1,6 @@
 // Trends page: recorded pressures, positions and forces, and the cycles of the history, over minutes to hours.
 
-import { app, get } from "../app.js";
+import { app, get, refuse } from "../app.js";
 import { make, mark, write } from "../dom.js";
 import { clampForce, clockTime, duration, t, wallClock } from "../texts.js";
 import { TrendChart } from "./trend_chart.js";
@@ -48,6 +48,7 @@ export class TrendsPage {
     }));
     this.spans = SPANS_MIN.map((minutes) => button(minutes < 60 ? t("trends.minutes", { n: minutes }) : t("trends.hours", { n: minutes / 60 }),
       { "data-span": minutes }, () => this.#change(() => this.range.span(minutes))));
+    this.later = button(t("trends.later"), { "data-trend": "later" }, () => this.#goLater());
     this.live = button(t("trends.live"), { "data-trend": "live" }, () => this.#change(() => this.range.follow()));
     this.shown = make("p", { class: "why", "data-part": "trend-range" });
     this.none = make("p", { class: "why" });
@@ -56,8 +57,7 @@ export class TrendsPage {
         button(t("trends.in"), { "data-trend": "in" }, () => this.#change(() => this.range.zoom(1 / ZOOM))),
         button(t("trends.out"), { "data-trend": "out" }, () => this.#change(() => this.range.zoom(ZOOM))),
         button(t("trends.earlier"), { "data-trend": "earlier" }, () => this.#change(() => this.range.pan(-PAN * this.range.spanMs))),
-        button(t("trends.later"), { "data-trend": "later" }, () => this.#change(() => this.range.pan(PAN * this.range.spanMs))),
-        this.live),
+        this.later, this.live),
       this.shown, this.none, make("div", { class: "charts" }, ...this.charts.map(({ chart }) => chart.node)));
     this.themed = new MutationObserver(() => this.charts.forEach(({ chart }) => chart.repaint()));
   }
@@ -85,6 +85,12 @@ export class TrendsPage {
     this.#mark();
     this.charts.forEach(({ chart }) => chart.move([this.range.fromMs, this.range.toMs]));
     void this.#fetch();
+  }
+
+  /** Move the range to later times; a live one has none. */
+  #goLater() {
+    if (this.range.live) refuse(t("trends.latest"), this.later, () => this.open && this.range.live);
+    else this.#change(() => this.range.pan(PAN * this.range.spanMs));
   }
 
   /** Move the range so that the times under one or two fingers stay under them. */
@@ -134,6 +140,7 @@ export class TrendsPage {
 
   #mark() {
     this.spans.forEach((one) => mark(one, "aria-pressed", String(Number(one.dataset.span) * 60_000 === this.range.spanMs)));
+    mark(this.later, "aria-disabled", this.range.live ? "true" : null);
     mark(this.live, "aria-pressed", String(this.range.live));
   }
 }

@@ -43,8 +43,12 @@ from tests.controller.common.modbus_rig import IO_MAP, MACHINE
 SCAN_MS = 10
 TIMEOUT_S = 60.0
 SLOWER = 3
-"""Factor by which simulated time is slowed in tests that hold a jog button; the panel's jog lease and the ages from
-which panel and page regard values as outdated are lengthened accordingly.
+"""Factor by which simulated time is slowed in tests that hold a jog button; the panel's jog lease is lengthened
+accordingly.
+"""
+PATIENCE = 12
+"""Factor by which the ages from which panel and page regard values as outdated, and the panel's time limit of an
+answer, are lengthened in tests of anything else, because a busy computer may take seconds.
 """
 PASSWORDS = {"operate": "turn the soil", "maintain": "mend the claws"}
 CHEAP = Cost(n=2, r=1, p=1)
@@ -188,16 +192,18 @@ class LiveMachine:
         self._thread.join()
 
 
-SLOW_PANEL = f"""
+PATIENT_PANEL = f"""
 import sys
 from controller.cli.main import main
 from controller.hmi.panel.modbus import connection, mirror
-from controller.hmi.panel.orders import jog
-jog.LEASE_MS *= {SLOWER}
-mirror.STALE_MS *= {SLOWER}
-connection.ModbusConnection.__init__.__kwdefaults__["timeout_s"] *= 4 * {SLOWER}
+mirror.STALE_MS *= {PATIENCE}
+connection.ModbusConnection.__init__.__kwdefaults__["timeout_s"] *= {PATIENCE}
 sys.exit(main(sys.argv[1:]))
 """
+SLOW_PANEL = f"""
+from controller.hmi.panel.orders import jog
+jog.LEASE_MS *= {SLOWER}
+{PATIENT_PANEL}"""
 
 
 class PanelProcess:
@@ -205,12 +211,20 @@ class PanelProcess:
 
     Args:
         first_run: Whether no passwords have been set.
-        slow: Whether the panel's times are lengthened for a machine that `LiveMachine.slow` has slowed down.
+        patient: Whether the panel waits longer for answers, and before it regards values as outdated.
+        slow: Whether it is patient, and its jog lease is lengthened for a machine that `LiveMachine.slow` has slowed
+            down.
         options: Further options of the command line.
     """
 
     def __init__(
-        self, live: LiveMachine, folder: Path, *options: str, first_run: bool = False, slow: bool = False
+        self,
+        live: LiveMachine,
+        folder: Path,
+        *options: str,
+        first_run: bool = False,
+        patient: bool = False,
+        slow: bool = False,
     ) -> None:
         users = folder / "users.json"
         if not first_run and not users.exists():
@@ -219,7 +233,7 @@ class PanelProcess:
         tags.write_text(tag_csv(), encoding="utf-8")
         self._arguments = [
             sys.executable,
-            *(["-c", SLOW_PANEL] if slow else ["-m", "controller"]),
+            *(["-c", SLOW_PANEL if slow else PATIENT_PANEL] if slow or patient else ["-m", "controller"]),
             "panel",
             "--controller",
             f"127.0.0.1:{live.port}",

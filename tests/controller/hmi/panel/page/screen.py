@@ -14,7 +14,7 @@ from controller.hmi.panel.view import texts
 from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.states import Mode, State
 from controller.program.texts.operator import STATES
-from tests.controller.hmi.panel.page.panel_page_rig import PASSWORDS, SCAN_MS, SLOWER, LiveMachine, PanelProcess
+from tests.controller.hmi.panel.page.panel_page_rig import PASSWORDS, PATIENCE, SCAN_MS, LiveMachine, PanelProcess
 
 FLAGS: Final = [
     "--no-sandbox",
@@ -24,7 +24,9 @@ FLAGS: Final = [
     "--disable-sync",
     "--no-first-run",
 ]
-CHROMIUM: Final = "/usr/bin/chromium"
+CHROMIUM: Final = "/usr/bin/chromium-headless-shell"
+"""The browser without its own windows, which needs half the processor time."""
+CHROMIUM_OF_THE_KIOSK: Final = "/usr/bin/chromium"
 PAGES: Final = (
     "cab",
     "overview",
@@ -63,7 +65,7 @@ def _lengthen(route: Route) -> None:
     short = "const STALE_MS = 1000;"
     script = response.text()
     assert short in script
-    route.fulfill(response=response, body=script.replace(short, f"const STALE_MS = {1_000 * SLOWER};"))
+    route.fulfill(response=response, body=script.replace(short, f"const STALE_MS = {1_000 * PATIENCE};"))
 
 
 class Screen:
@@ -72,8 +74,7 @@ class Screen:
     Args:
         user: User who is logged in when the page opens; None for a page without a login.
         locale: Language of the browser.
-        slow: Whether the page's limit of outdated values is lengthened for a machine that `LiveMachine.slow` has
-            slowed down.
+        patient: Whether the page waits longer before it regards values as outdated.
         touch: Whether the page is on a touch screen of 800 by 480 pixels.
 
     Attributes:
@@ -87,7 +88,7 @@ class Screen:
         user: str | None = None,
         locale: str = "en-US",
         *,
-        slow: bool = False,
+        patient: bool = False,
         touch: bool = False,
     ) -> None:
         viewport: ViewportSize = {"width": 800, "height": 480} if touch else {"width": 1280, "height": 800}
@@ -98,7 +99,7 @@ class Screen:
             assert answer.ok, answer.text()
         self.page: Page = self._context.new_page()
         self.page.set_default_timeout(TIMEOUT_MS)
-        if slow:
+        if patient:
             self.page.route("**/static/link.js", _lengthen)
         self.unexpected: list[str] = []
         self._url = url
@@ -118,6 +119,8 @@ class Screen:
             assert self.unexpected == []
 
     def log_in(self, user: str) -> None:
+        """Log in once the page is complete; the first values move its header."""
+        expect(self.find("body")).to_have_attribute("data-link", "live")
         self.find("[data-action=login]").click()
         self.find("dialog select").select_option(user)
         self.find("dialog input[type=password]").fill(PASSWORDS[user])
@@ -179,7 +182,7 @@ def maintained(folder: Path) -> Iterator[Maintained]:
     """Run a machine in Stopped with the page of a maintainer for the duration of a `with` block."""
     with ExitStack() as stack:
         live = stack.enter_context(LiveMachine(folder))
-        panel = stack.enter_context(PanelProcess(live, folder))
+        panel = stack.enter_context(PanelProcess(live, folder, patient=True))
         screen = stack.enter_context(Screen(stack.enter_context(chromium()), panel.url, "maintain"))
         live.until_state(State.STOPPED)
         yield Maintained(live, screen)
@@ -201,7 +204,7 @@ class Station(NamedTuple):
 
 @contextmanager
 def started(folder: Path, *, slow: bool = False) -> Iterator[Station]:
-    with LiveMachine(folder) as live, PanelProcess(live, folder, slow=slow) as panel:
+    with LiveMachine(folder) as live, PanelProcess(live, folder, patient=True, slow=slow) as panel:
         yield Station(live, panel, folder)
 
 

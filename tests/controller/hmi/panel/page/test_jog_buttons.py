@@ -34,7 +34,7 @@ def manual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
 
 def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> None:
     live = manual.live
-    with Screen(browser, manual.panel.url, slow=True) as screen:
+    with Screen(browser, manual.panel.url, patient=True) as screen:
         screen.log_in("maintain")
         button = ready_to_jog(screen, live)
         for end in ("up", "leave", "blur"):
@@ -86,13 +86,13 @@ REFUSE_LATE: Final = """async () => {
 
 
 def test_the_refusal_of_an_earlier_press_does_not_end_a_press(manual: Station, browser: Browser) -> None:
-    with Screen(browser, manual.panel.url, "maintain", slow=True) as screen:
+    with Screen(browser, manual.panel.url, "maintain", patient=True) as screen:
         ready_to_jog(screen, manual.live)
         assert screen.page.evaluate(REFUSE_LATE) == [True, False]
 
 
 def test_a_held_button_tells_why_its_output_stays_off(manual: Station, browser: Browser) -> None:
-    with Screen(browser, manual.panel.url, "maintain", slow=True) as screen:
+    with Screen(browser, manual.panel.url, "maintain", patient=True) as screen:
         ready_to_jog(screen, manual.live)
         expect(screen.find("header [data-fact=state]")).to_have_text("❚❚ Ready to jog")
         jog = screen.find(".jog", has=screen.find("[data-jog='left.slide_inward']"))
@@ -115,7 +115,7 @@ def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, bro
             if loss == "panel killed"
             else manual.panel
         )
-        screen = stack.enter_context(Screen(browser, panel.url, "maintain", slow=True))
+        screen = stack.enter_context(Screen(browser, panel.url, "maintain", patient=True))
         stack.callback(panel.send, signal.SIGCONT)  # the page waits for a frozen panel when it closes
         button = ready_to_jog(screen, live)
         button.hover()
@@ -133,6 +133,7 @@ def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, bro
         screen.unexpected.clear()  # the browser reports the closed socket of a killed panel
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("screen", ["maintain"], indirect=True)
 def test_refused_jog_ends_and_shows_the_reason(stopped: Station, screen: Screen) -> None:
     live = stopped.live

@@ -80,6 +80,7 @@ def visited(browser: Browser, panel: PanelProcess, locale: str) -> Iterator[Scre
         yield screen
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("locale", "language"), [("zh-CN", "zh"), ("zh-Hant-TW", "zh"), ("en-GB", "en"), ("de", "en")])
 def test_the_language_of_the_browser_is_that_of_the_first_visit(
     stopped: Station, browser: Browser, locale: str, language: str
@@ -89,6 +90,7 @@ def test_the_language_of_the_browser_is_that_of_the_first_visit(
         assert screen.page.evaluate("() => window.localStorage.length") == 0, "nothing has been selected"
 
 
+@pytest.mark.nightly
 def test_a_selected_language_outlives_the_language_of_the_browser(stopped: Station, browser: Browser) -> None:
     with visited(browser, stopped.panel, "zh-CN") as screen:
         screen.find("[data-action=language]").select_option("en")
@@ -97,6 +99,7 @@ def test_a_selected_language_outlives_the_language_of_the_browser(stopped: Stati
         expect_language(screen, "en")
 
 
+@pytest.mark.nightly
 def test_the_option_sets_the_language_until_one_is_selected(stopped: Station, browser: Browser, tmp_path: Path) -> None:
     with (
         PanelProcess(stopped.live, tmp_path, "--language", "zh") as panel,
@@ -113,6 +116,7 @@ def test_the_login_dialog_has_the_language_of_the_option() -> None:
     assert public()["language"] is None
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("weight", WEIGHTS)
 def test_every_chinese_character_has_a_picture_of_its_own(chinese: Screen, weight: int) -> None:
     wanted = characters(ROOT)
@@ -131,6 +135,7 @@ def fonts_of(session: CDPSession, selector: str) -> set[tuple[str, bool]]:
     return {(font["familyName"].removesuffix(" Thin"), font["isCustomFont"]) for font in fonts}
 
 
+@pytest.mark.nightly
 def test_every_letter_is_drawn_with_a_font_of_the_page(chinese: Screen) -> None:
     session = chinese.page.context.new_cdp_session(chinese.page)
     for domain in ("DOM", "CSS"):
@@ -147,6 +152,7 @@ def test_every_letter_is_drawn_with_a_font_of_the_page(chinese: Screen) -> None:
     chinese.open("overview")
 
 
+@pytest.mark.nightly
 def test_the_clamp_force_is_read_with_the_clock_and_is_not_negative(stopped: Station, chinese: Screen) -> None:
     forces = stopped.live.plant.call(
         lambda: [arm.claws.clamp_n for arm in stopped.live.plant.server.module.plant.arms.values()]

@@ -5,8 +5,11 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import expect
 
+from controller.program.texts.operator import LANGUAGES
 from tests.controller.hmi.panel.page.screen import PAGES, Screen
 from tests.sampling import first_of
+
+pytestmark = pytest.mark.nightly
 
 SMALL_CONTROLS = """() => [...document.querySelectorAll("button, input, select")]
   .filter((one) => one.checkVisibility({ visibilityProperty: true }))
@@ -14,6 +17,32 @@ SMALL_CONTROLS = """() => [...document.querySelectorAll("button, input, select")
   .filter(({ box }) => box.width > 0 && box.height > 0 && !(box.width >= 44 && box.height >= 44))
   .map(({ text, box }) => `${text} is ${box.width} px wide and ${box.height} px high`)"""
 """Script that returns the visible controls that are less than 44 px wide or high."""
+
+CUT_TEXTS = """() => [...document.querySelectorAll("button")]
+  .filter((one) => one.checkVisibility({ visibilityProperty: true }))
+  .filter((one) => {
+    const frame = one.getBoundingClientRect(), words = document.createRange();
+    words.selectNodeContents(one);
+    return [...words.getClientRects()].some(({ left, top, right, bottom }) =>
+      left < frame.left || top < frame.top || right > frame.right || bottom > frame.bottom);
+  }).map((one) => one.outerHTML)"""
+"""Script that returns the keys that are smaller than their texts."""
+CROSSED_MARKS = """() => {
+  const arms = [...document.querySelectorAll(".arm[data-tag$='.slide']")];
+  const marks = arms.map((arm) => arm.querySelector(".arm-mark"));
+  marks.forEach((mark) => { mark.textContent = "✕"; });
+  const frame = document.querySelector(".mimic").getBoundingClientRect();
+  const captions = [...document.querySelectorAll(".mimic .caption")].filter((caption) => caption.checkVisibility());
+  return [...marks, ...document.querySelectorAll(".mimic .carriage")].flatMap((mark) => {
+    const a = mark.getBoundingClientRect();
+    const crossed = captions.filter((caption) => {
+      const b = caption.getBoundingClientRect();
+      return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+    }).map((caption) => caption.textContent);
+    return a.top < frame.top ? [...crossed, "edge of the picture"] : crossed;
+  });
+}"""
+"""Script that marks both arms, and returns what marks and carriages lie over: captions of the picture or its edge."""
 
 
 @pytest.mark.parametrize(("width", "height"), first_of([(390, 844), (800, 1280), (1280, 800)]))
@@ -31,6 +60,29 @@ def test_every_page_fits_with_named_controls_of_touch_size(screen: Screen, width
             " && !one.labels?.length && !one.getAttribute('aria-label')).map((one) => one.outerHTML)"
         )
         assert nameless == []
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_text_is_larger_than_its_key(screen: Screen, language: str) -> None:
+    screen.page.set_viewport_size({"width": 1024, "height": 768})
+    screen.select_language(language)
+    cut = {}
+    for page in PAGES:
+        screen.open(page)
+        cut[page] = screen.page.evaluate(CUT_TEXTS)
+    screen.select_language("en")
+    assert {page: keys for page, keys in cut.items() if keys} == {}
+
+
+@pytest.mark.parametrize(("width", "height"), [(800, 480), (1024, 768), (1366, 768)])
+@pytest.mark.parametrize("page", ["cab", "overview"])
+def test_marks_and_carriages_lie_over_no_caption(screen: Screen, page: str, width: int, height: int) -> None:
+    """At the feed position, where they are nearest to the captions; and the marks are in the picture."""
+    screen.page.set_viewport_size({"width": width, "height": height})
+    screen.open(page)
+    crossed = screen.page.evaluate(CROSSED_MARKS)
+    screen.page.set_viewport_size({"width": 1280, "height": 800})
+    assert crossed == []
 
 
 def test_state_mode_and_alarm_stay_in_view_on_a_small_screen(screen: Screen) -> None:

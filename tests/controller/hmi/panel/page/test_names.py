@@ -161,6 +161,7 @@ def look_at_all_pages(screen: Screen, state: State, language: Language) -> None:
     screen.open("overview")
 
 
+@pytest.mark.nightly
 def test_no_page_shows_a_name_of_the_program(browser: Browser, tmp_path: Path) -> None:
     """Running, held with an alarm, and in emergency stop, in both languages, with the keys of a maintainer."""
     with (

@@ -14,6 +14,7 @@ from controller.io.pace import PAUSED
 from controller.program.alarms.guide import likely_causes
 from controller.program.operator.next_press import NextPress
 from controller.program.states import Mode, State
+from controller.program.tags import ROWS
 from controller.program.texts.isolation import ISOLATION
 from controller.program.texts.next_press import NEXT_PRESSES
 from controller.program.texts.operator import CANNOT, MODES, STATES
@@ -67,6 +68,24 @@ def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station
     clear(screen, live)
 
 
+def test_every_page_opens_by_its_address(stopped: Station, browser: Browser) -> None:
+    """As after a reload: the page is built before the first view."""
+    with Screen(browser, stopped.panel.url, "operate") as screen:
+        for page in (*PAGES, "menu"):
+            screen.page.goto(f"{stopped.panel.url}/#{page}")
+            screen.page.reload()
+            expect(screen.find("body")).to_have_attribute("data-link", "live")
+            expect(screen.find(f"main[data-page={page}]")).to_be_visible()
+        screen.unexpected[:] = [line for line in screen.unexpected if "WebSocket" not in line]
+
+
+def test_the_rows_of_the_tray_are_named_with_their_arm(screen: Screen) -> None:
+    screen.open("trays")
+    names = screen.find("dt", has=screen.page.get_by_text("arm, Row"))
+    assert names.all_text_contents() == [f"{side} arm, Row {row}" for side in ("Left", "Right") for row in ROWS]
+
+
+@pytest.mark.nightly
 def test_nothing_can_be_pressed_before_the_first_view(panel: PanelProcess, browser: Browser) -> None:
     """A page whose connection is not yet open shows no strip, and its buttons give the reason instead of an order."""
     context = browser.new_context()
@@ -105,6 +124,7 @@ def test_outdated_values_are_distinguished_from_a_pause(
         expect(screen.find("[data-fact=link]")).to_contain_text("No data")
 
 
+@pytest.mark.nightly
 def test_first_run_asks_for_both_passwords_and_the_page_survives_a_restart(
     stopped: Station, browser: Browser, tmp_path: Path
 ) -> None:
@@ -134,6 +154,8 @@ def test_view_level_is_asked_to_log_in(stopped: Station, browser: Browser) -> No
         expect(screen.find("[data-part=notice]")).to_contain_text("Cannot hold")  # only because of the state
         screen.open("io")
         expect(screen.find("[data-force]").first).to_be_hidden()
+        for part in ("no-forcing", "no-jogs"):
+            expect(screen.find(f"[data-part={part}]")).to_have_text("Maintenance login required")
 
 
 def test_parameter_is_checked_before_it_is_sent(stopped: Station, screen: Screen) -> None:
@@ -146,6 +168,8 @@ def test_parameter_is_checked_before_it_is_sent(stopped: Station, screen: Screen
         row.locator("button[type=submit]").click()
         expect(row.locator("[role=alert]")).to_contain_text(message)
     assert live.runtime.plc.read(settle) == 10
+    expect(screen.find("[data-fact=lambda_lowest] + td")).to_have_text("0.1 – 3")
+    expect(screen.find("[data-fact=planter_pitch]")).to_have_text("489 mm")
     row.locator("input").fill("300")
     row.locator("input").press("Enter")
     live.until(lambda: live.runtime.plc.read(settle) == 30, "settle")
@@ -186,6 +210,8 @@ def test_forced_input_is_shown_on_every_page(stopped: Station, screen: Screen) -
     screen.press("[data-force='X22=1']")
     live.until(lambda: live.runtime.plc.memory.X[0o22], "X22 forced")
     expect(screen.find("[data-address=X22]")).to_have_attribute("data-forced", "1")
+    for part in ("no-forcing", "no-jogs"):
+        expect(screen.find(f"[data-part={part}]")).to_be_hidden()
     expect(screen.find("[data-part=forced]")).to_contain_text("X22")
     screen.open("trends")
     expect(screen.find("[data-part=forced]")).to_be_visible()
@@ -225,6 +251,7 @@ VISIBLE_TEXTS = """() => {
 """Script that returns all texts of the page except tag names and the names of the languages."""
 
 
+@pytest.mark.nightly
 def test_every_page_is_chinese(stopped: Station, screen: Screen) -> None:
     """After an emergency stop and a refused command, every text on every page and in the login dialog is Chinese."""
     live = stopped.live
@@ -394,6 +421,7 @@ def test_acknowledging_is_available_only_with_an_alarm_to_acknowledge(screen: Sc
     expect(screen.find(".notice")).to_have_text("✕ No alarm to acknowledge")
 
 
+@pytest.mark.nightly
 def test_numbers_that_round_to_zero_have_no_sign(screen: Screen) -> None:
     numbers = [(-0.04, 1), (-0.05, 1), (0, 0), (-0.4, 0), (-7.84, 1), (1.25, 1)]
     script = (

@@ -23,7 +23,9 @@ from controller.hmi.panel.view.trends import MOST_PERIODS, PERIOD_MS
 from controller.program.tags import Side
 from tests.controller.common.modbus_rig import MACHINE
 from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
-from tests.controller.hmi.panel.page.screen import Screen, chromium
+from tests.controller.hmi.panel.page.screen import Screen, chromium, press_unavailable
+
+pytestmark = pytest.mark.nightly
 
 ZONE: Final = "Asia/Shanghai"
 HOUR_MS: Final = 3_600_000
@@ -257,6 +259,20 @@ def test_the_buttons_zoom_pan_and_go_back_to_live(trends: Trends) -> None:
     expect(live).to_have_attribute("aria-pressed", "true")
     trends.answer(lambda: None)  # the live range is fetched again and again
     assert trends.pressures().range[1] > again["to_ms"]
+
+
+def test_a_live_range_has_no_later_values(trends: Trends) -> None:
+    later, notice = trends.screen.find("[data-trend=later]"), trends.screen.find("[data-part=notice]")
+    press_unavailable(later)
+    expect(notice).to_have_text(f"✕ {TEXTS['trends.latest'].en}")
+    trends.press("earlier", lambda url: "end=" in url)
+    expect(later).not_to_have_attribute("aria-disabled", "true")
+    expect(notice).to_be_empty()
+
+
+def test_the_axis_shows_the_present_before_the_first_answer(trends: Trends) -> None:
+    end_ms = trends.page.evaluate("async () => new (await import('/static/pages/trend_range.js')).TrendRange().toMs")
+    assert end_ms == pytest.approx(utc_ms(), abs=60_000)
 
 
 def test_the_range_ends_where_the_records_end(trends: Trends) -> None:

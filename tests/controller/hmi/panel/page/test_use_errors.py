@@ -52,7 +52,7 @@ class Page(Screen):
     """Page of a maintainer that keeps what the browser sends."""
 
     def __init__(self, browser: Browser, url: str) -> None:
-        super().__init__(browser, url, "maintain", slow=True)
+        super().__init__(browser, url, "maintain", patient=True)
         self.page.add_init_script(KEEP_SENT)
 
     @property
@@ -120,6 +120,7 @@ def jog_of(page: Page, output: str) -> Locator:
     return page.find(f"main [data-jog='{output}']")
 
 
+@pytest.mark.nightly
 def test_the_wrong_arm_is_named_on_the_button_itself(station: Station, jogging: Page) -> None:
     """In both languages, and on the I/O page its output; and only the arm of the button moves."""
     live, page = station.live, jogging
@@ -162,6 +163,7 @@ def test_hold_says_that_it_is_no_emergency_stop(at_rest: Page) -> None:
     assert "不是急停" in TEXTS["hold.about"].zh
 
 
+@pytest.mark.nightly
 def test_hold_tells_after_the_press_that_it_is_no_emergency_stop(station: Station, jogging: Page) -> None:
     jogging.open("overview")
     jogging.press("[data-command=hold]")
@@ -362,6 +364,7 @@ def test_hammering_a_button_halts_with_every_tap_and_orders_anything_else_once(
     assert shared.page.evaluate(TAP, [halts, reasons]) == orders
 
 
+@pytest.mark.nightly
 def test_a_key_that_is_held_is_one_press(at_rest: Page) -> None:
     """The browser repeats the key; neither an order is repeated nor a question confirmed."""
     keyboard = at_rest.page.keyboard
@@ -417,6 +420,7 @@ def test_the_opposite_order_of_a_second_operator_is_refused(station: Station, jo
         assert not any(OPPOSITE in outputs for _, outputs in live.levels[scans:])
 
 
+@pytest.mark.nightly
 def test_a_value_in_another_unit_or_with_a_comma_is_not_sent(station: Station, at_rest: Page) -> None:
     """Each entry is refused with its reason, which ends when the entry changes."""
     page, settle = at_rest, station.live.machine.tags.sp.settle
@@ -435,6 +439,7 @@ def test_a_value_in_another_unit_or_with_a_comma_is_not_sent(station: Station, a
     assert station.live.runtime.plc.read(settle) == before
 
 
+@pytest.mark.nightly
 def test_the_language_of_the_previous_shift_is_changed_from_every_page(at_rest: Page) -> None:
     """The languages are named in themselves, and one choice changes a page that was left in Chinese."""
     page = at_rest

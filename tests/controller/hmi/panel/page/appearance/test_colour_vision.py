@@ -14,6 +14,8 @@ from controller.program.states import State
 from tests.controller.hmi.panel.page.appearance.still_page import differing_points, picture, show, stand_still
 from tests.controller.hmi.panel.page.screen import PAGES, maintained
 
+pytestmark = pytest.mark.nightly
+
 LEAST_POINTS: Final = 12
 """Least number of points in which two states differ: a stroke of a sign, more than a blurred edge."""
 LOOKS: Final = [("grey", "deuteranopia"), ("day", "protanopia"), ("grey", "protanopia"), ("day", "deuteranopia")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from typing import Final
 
 import pytest
@@ -10,7 +11,11 @@ from playwright.sync_api import CDPSession, Page, expect
 
 from controller.hmi.panel.view.texts import TEXTS
 from controller.program.states import State
+from tests.controller.hmi.panel.page.appearance.still_page import show, stand_still
+from tests.controller.hmi.panel.page.appearance.test_colour_vision import NUMBERS
+from tests.controller.hmi.panel.page.appearance.test_sizes import ROW, SITUATIONS
 from tests.controller.hmi.panel.page.screen import PAGES, Maintained, Screen, clear, maintained
+from tests.sampling import one_in
 
 TEXT_RATIOS: Final = {"grey": 4.5, "day": 7.0, "night": 4.5}
 """Least contrast of a text by theme (WCAG 2.2, 1.4.3 and 1.4.6)."""
@@ -31,14 +36,12 @@ SUNLIT: Final = {"theme": "day", "white": 500, "reflected": 95, "least": 3}
 contrast of a text in the theme for it.
 """
 FINGER_PX: Final = 44
-IN_THE_CAB: Final = ("cab", "recovery", "trays")
+PRIORITIES: Final = ("safety", "stops", "warning")
+MEASURED: Final = (*PAGES, "menu")
+IN_THE_CAB: Final = ("cab", "recovery", "trays", "menu")
 """Pages that are measured in the form for the cab; the others in that for the desk."""
-BOTH: Final = [
-    pytest.param(name, language, marks=() if n % len(LANGUAGES) == m else pytest.mark.nightly)
-    for n, name in enumerate(PAGES)
-    for m, language in enumerate(LANGUAGES)
-]
-"""Pages in each language; by default, the languages alternate from page to page."""
+BOTH: Final = one_in(7, product(MEASURED, LANGUAGES))
+"""Pages in each language; by default four, in alternating languages."""
 MEASURE: Final = """
 ([ratios, leastDisabled, links, sunlit]) => {
   const parse = (text) => {
@@ -123,6 +126,12 @@ def force(session: CDPSession, pseudo_classes: tuple[str, ...]) -> None:
         session.send("CSS.forcePseudoState", {"nodeId": node, "forcedPseudoClasses": list(pseudo_classes)})
 
 
+def open_page(screen: Screen, name: str) -> None:
+    """Open a page by its address; the menu has no tab."""
+    screen.page.evaluate("name => { window.location.hash = name; }", name)
+    expect(screen.find(f"main[data-page={name}]")).to_be_visible()
+
+
 def low_in_any_state(page: Page) -> dict[str, list[str]]:
     """Return the texts whose contrast is too low in any theme, by state of the controls."""
     session = page.context.new_cdp_session(page)
@@ -150,12 +159,31 @@ def choose_language(screen: Screen, language: str) -> None:
 def test_every_text_is_readable_in_every_state_of_the_controls(station: Maintained, name: str, language: str) -> None:
     """In every theme; also a control that is pressed under the pointer or after a touch, and outdated values."""
     choose_language(station.screen, language)
-    station.screen.open(name)
+    open_page(station.screen, name)
     if name in IN_THE_CAB:
         station.screen.page.set_viewport_size({"width": 800, "height": 480})
     low = low_in_any_state(station.screen.page)
     station.screen.page.set_viewport_size({"width": 1280, "height": 800})
     assert low == {}
+
+
+@pytest.mark.parametrize(("name", "language"), BOTH)
+def test_every_text_is_readable_in_every_situation(station: Maintained, name: str, language: str) -> None:
+    """In the situations in which the sizes are measured, with warnings, a question and alarms of every priority."""
+    page = station.screen.page
+    choose_language(station.screen, language)
+    open_page(station.screen, name)
+    stand_still(page)
+    numbers = page.evaluate(NUMBERS)
+    rows = [ROW | {"number": numbers[each], "state": 1, "shelved_until_ms": None} for each in PRIORITIES]
+    low = {}
+    for situation, changes in (SITUATIONS | {"alarms": {"alarms": {"rows": rows}}}).items():
+        show(page, changes)
+        found = page.evaluate(MEASURE, [TEXT_RATIOS, DISABLED_RATIO, ["live"], SUNLIT])
+        low[situation] = found["low"]
+    page.reload()
+    expect(station.screen.find("body")).to_have_attribute("data-link", "live")
+    assert {situation: texts for situation, texts in low.items() if texts} == {}
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -170,6 +198,7 @@ def test_a_control_that_is_not_available_differs_by_its_form(station: Maintained
     assert "dashed" not in {style for disabled, style in borders if not disabled}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("name", "language"), [("overview", "zh"), ("alarms", "en"), ("recovery", "zh")])
 def test_every_text_is_readable_in_an_emergency_stop(station: Maintained, name: str, language: str) -> None:
     """With an alarm that is not acknowledged, and with the refusal of a press."""
@@ -195,6 +224,7 @@ def expect_theme(screen: Screen, theme: str) -> None:
     assert screen.page.evaluate("getComputedStyle(document.body.parentElement).backgroundColor") == BACKS[theme]
 
 
+@pytest.mark.nightly
 def test_the_theme_follows_the_computer_until_it_is_chosen(station: Maintained) -> None:
     """A choice, here with the keyboard, outlasts the setting of the computer and a reload."""
     _, screen = station

@@ -6,13 +6,12 @@ The sizes and their sources are in docs/hmi-philosophy.md.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
+from collections.abc import Iterator, Mapping
+from itertools import combinations, product
 from typing import Any, Final
 
 import numpy as np
 import pytest
-from _pytest.mark import ParameterSet
 from PIL import Image
 from playwright.sync_api import Browser
 
@@ -26,6 +25,8 @@ from tests.controller.hmi.panel.page.appearance.still_page import show, stand_st
 from tests.controller.hmi.panel.page.screen import PAGES, Screen, started
 from tests.sampling import one_in
 
+pytestmark = pytest.mark.nightly
+
 PX_PER_MM: Final = 800 / 152.4
 """Points of the reference display in a millimetre: 7 inches, 800 by 480, square points."""
 WITHOUT_SCROLLING: Final = ("cab", "alarms", "recovery", "manual", "trays")
@@ -38,16 +39,6 @@ ROUNDING_PX: Final = 0.25
 ENDS: Final = (("left", "right"), ("top", "bottom"))
 GLARE: Final = {"side_px": 36, "luminance": 0.3}
 """A square of this side in which every point has at least this relative luminance is a white area."""
-
-
-def in_one_language(pages: Sequence[str]) -> list[ParameterSet]:
-    """Return pages in each language; by default, the languages alternate from page to page."""
-    marks = {True: (), False: (pytest.mark.nightly,)}
-    return [
-        pytest.param(page, language, marks=marks[n % len(LANGUAGES) == m])
-        for n, page in enumerate(pages)
-        for m, language in enumerate(LANGUAGES)
-    ]
 
 
 Changes = Mapping[str, Mapping[str, Any]]
@@ -210,7 +201,7 @@ def too_small(screen: Screen) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(("page", "language"), in_one_language([*PAGES, "menu"]))
+@pytest.mark.parametrize(("page", "language"), one_in(7, product([*PAGES, "menu"], LANGUAGES)))
 def test_letters_and_keys_have_their_sizes_on_the_display(screen: Screen, page: str, language: str) -> None:
     for situation, changes in SITUATIONS.items():
         open_page(screen, page, language)
@@ -219,7 +210,7 @@ def test_letters_and_keys_have_their_sizes_on_the_display(screen: Screen, page: 
             assert too_small(screen) == [], (situation, section)
 
 
-@pytest.mark.parametrize(("page", "language"), in_one_language([*WITHOUT_SCROLLING, "menu"]))
+@pytest.mark.parametrize(("page", "language"), [*product([*WITHOUT_SCROLLING, "menu"], LANGUAGES)])
 def test_the_pages_of_the_cab_need_no_scrolling(screen: Screen, page: str, language: str) -> None:
     """In every section and situation, the cab page also with two warnings; longer lists are paged by keys."""
     for situation, changes in SITUATIONS.items():

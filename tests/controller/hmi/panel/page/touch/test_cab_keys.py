@@ -61,8 +61,10 @@ def test_a_key_that_has_just_changed_takes_no_press(cab: TouchPage) -> None:
 
 @pytest.mark.parametrize("command", [None, "stop", "hold"])
 def test_its_place_stays_empty_without_a_command_of_its_own(cab: TouchPage, command: str | None) -> None:
+    """It has no border: that of a key without a text would be taken for a fault."""
     offer(cab, command)
     expect(cab.find(".next-command button")).to_have_count(0)
+    expect(cab.find(".next-command")).to_have_css("border-top-style", "none")
 
 
 def test_it_offers_nothing_while_a_hand_may_be_in_the_machine(cab: TouchPage) -> None:

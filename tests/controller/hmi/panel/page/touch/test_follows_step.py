@@ -8,11 +8,14 @@ from typing import Final
 import pytest
 from playwright.sync_api import Browser, Locator, expect
 
+from controller.hmi.panel.view.texts import TEXTS
 from controller.program.machine import build
 from controller.program.texts.operator import LANGUAGES
 from tests.controller.common.modbus_rig import IO_MAP
 from tests.controller.hmi.panel.page.appearance.still_page import show, stand_still
 from tests.controller.hmi.panel.page.screen import Screen, Station
+
+pytestmark = pytest.mark.nightly
 
 SEQUENCES: Final = {sequence.name: [str(bit) for bit, _ in sequence] for sequence in build(IO_MAP).program.sequences()}
 """Steps of every sequence, in the order of the page."""
@@ -81,6 +84,13 @@ def test_each_list_follows_its_own_sequence(wide: StepsScreen) -> None:
         assert wide.in_view(right)
     assert wide.page.evaluate("window.scrollY") == 0
     expect(wide.find("[data-action=follow]")).to_be_focused()
+
+
+def test_the_page_tells_that_no_step_is_active(wide: StepsScreen) -> None:
+    wide.activate()
+    expect(wide.find(".steps-about")).to_have_text(TEXTS["steps.none"].en)
+    wide.activate("S22")
+    expect(wide.find(".steps-about")).to_have_text(TEXTS["steps.about"].en)
 
 
 def test_a_list_that_is_scrolled_by_hand_stays_for_some_seconds(wide: StepsScreen) -> None:

@@ -9,9 +9,11 @@ from typing import Final
 import pytest
 from playwright.sync_api import Browser, CDPSession, expect
 
-from tests.controller.hmi.panel.page.screen import CHROMIUM, FLAGS, PAGES, Screen, Station
+from tests.controller.hmi.panel.page.screen import CHROMIUM_OF_THE_KIOSK, FLAGS, PAGES, Screen, Station
 from tests.paths import DOCS
 from tests.sampling import one_in
+
+pytestmark = pytest.mark.nightly
 
 UNIT: Final = DOCS / "examples" / "systemd" / "transplanter-kiosk.service"
 OF_A_SCREEN: Final = ("--kiosk", "--ozone-platform=wayland", "--user-data-dir")
@@ -129,7 +131,7 @@ def kiosk_flags() -> list[str]:
 @pytest.fixture
 def kiosk(browser: Browser) -> Iterator[Browser]:
     """Run another browser, with the flags of the kiosk."""
-    other = browser.browser_type.launch(executable_path=CHROMIUM, args=[*FLAGS, *kiosk_flags()])
+    other = browser.browser_type.launch(executable_path=CHROMIUM_OF_THE_KIOSK, args=[*FLAGS, *kiosk_flags()])
     yield other
     other.close()
 

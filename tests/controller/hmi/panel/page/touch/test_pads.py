@@ -18,6 +18,8 @@ from tests.controller.hmi.panel.page.screen import AGAIN_MS, Station
 from tests.controller.hmi.panel.page.touch.touch_page import OVERLAPS, TouchPage
 from tests.sampling import first_of
 
+pytestmark = pytest.mark.nightly
+
 TEXTS = texts.TEXTS
 KEY_PX: Final = 15 * 5.25
 """Size of a key that a gloved finger meets, 15 mm on the display of the cab, px."""
@@ -168,7 +170,7 @@ SCREENS: Final = [(800, 480), (390, 844), (1280, 800)]
 """Widths and heights of a display in the cab, a telephone and a desk, px."""
 
 
-@pytest.mark.parametrize(("width", "height"), SCREENS)
+@pytest.mark.parametrize(("width", "height"), first_of(SCREENS))
 def test_pad_and_dialog_lie_beside_the_strip_which_stays_in_reach(
     stopped: Station, browser: Browser, width: int, height: int
 ) -> None:
@@ -298,7 +300,6 @@ def test_every_character_of_a_keyboard_is_on_the_password_pad(touch: TouchPage) 
     assert {chr(code) for code in range(32, 127)} - found == set()
 
 
-@pytest.mark.nightly
 def test_the_first_passwords_are_set_by_touch(live: LiveMachine, browser: Browser, tmp_path: Path) -> None:
     """A password that is too short is not taken."""
     with ExitStack() as stack:

@@ -37,7 +37,7 @@ class TouchPage(Screen):
     """Page on a touch screen without a keyboard; it waits longer before it regards values as outdated."""
 
     def __init__(self, browser: Browser, url: str, user: str | None = "operate") -> None:
-        super().__init__(browser, url, user, touch=True, slow=True)
+        super().__init__(browser, url, user, touch=True, patient=True)
         self.page.add_init_script(KEEP_SET)
 
     def __enter__(self) -> Self:

@@ -1,12 +1,12 @@
-"""Parts of a study report: headings, tables, pictures; a paragraph is plain text."""
+"""Parts of a document: headings, commands, tables and pictures; a paragraph is a text."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
-
-from matplotlib.figure import Figure
+from typing import Any, Protocol
 
 Cell = str | int | float | None
 
@@ -16,10 +16,23 @@ _NUMBER = re.compile(r"[<>]?[+-]?\d+(\.\d+)?(e[+-]?\d+)?")
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Heading in a report.
+    """Heading in a document.
 
     Attributes:
         text: Text of the heading.
+        level: Level, 1 for the title.
+    """
+
+    text: str
+    level: int = 2
+
+
+@dataclass(frozen=True, slots=True)
+class ShellCommand:
+    """Command for a shell.
+
+    Attributes:
+        text: The command, as typed.
     """
 
     text: str
@@ -27,10 +40,11 @@ class Heading:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Table, also written as a CSV file.
+    """Table, with a CSV file if it has a name.
 
     Attributes:
-        name: File stem, lower-case words with hyphens.
+        name: File stem, lower-case words with hyphens; empty for a table without a file and a caption, whose columns
+            are all left-aligned.
         caption: Caption, with the source of third-party data.
         heading: Name and unit of each column.
         rows: Cells, row by row; None for an empty cell.
@@ -45,7 +59,8 @@ class Table:
 
     def __post_init__(self) -> None:
         """Check the name and the length of every row."""
-        _require_stem(self.name)
+        if self.name:
+            _require_stem(self.name)
         for row in self.rows:
             if len(row) != len(self.heading):
                 raise ValueError(f"table {self.name}: {len(row)} cells for {len(self.heading)} headings: {row}")
@@ -57,7 +72,14 @@ class Table:
     def is_numeric(self, column: int) -> bool:
         """Return whether a column contains only numbers and is right-aligned; ``<0.0001`` counts as a number."""
         cells = [row[column] for row in self.rows if row[column] is not None]
-        return bool(cells) and all(not isinstance(cell, str) or _NUMBER.fullmatch(cell) for cell in cells)
+        return bool(self.name and cells) and all(not isinstance(cell, str) or _NUMBER.fullmatch(cell) for cell in cells)
+
+
+class Drawing(Protocol):
+    """Drawing that writes itself to a file, such as a figure of Matplotlib."""
+
+    def savefig(self, *args: Any, **options: Any) -> object:
+        """Write the drawing to a file, in the format of its suffix."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,23 +89,28 @@ class Picture:
     Attributes:
         name: File stem, lower-case words with hyphens.
         caption: Caption.
-        figure: Matplotlib figure.
+        figure: Its drawing.
     """
 
     name: str
     caption: str
-    figure: Figure
+    figure: Drawing
 
     def __post_init__(self) -> None:
         """Check the name."""
         _require_stem(self.name)
 
 
-Part = str | Heading | Table | Picture
+Part = str | Heading | ShellCommand | Table | Picture
+
+
+def listing(heading: Iterable[str], rows: Iterable[Iterable[object]]) -> Table:
+    """Return a table of texts, without a file and a caption."""
+    return Table("", "", tuple(heading), tuple(tuple(map(str, row)) for row in rows))
 
 
 def is_stem(name: str) -> bool:
-    """Return whether a name consists of lower-case words with hyphens, as required for the files of a report."""
+    """Return whether a name consists of lower-case words with hyphens, as required for the files of a document."""
     return _NAME.fullmatch(name) is not None
 
 
