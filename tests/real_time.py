@@ -132,7 +132,7 @@ class HostDelay:
 
 def host_delay() -> HostDelay:
     """Measure the delay of the computer just now, in another process."""
-    command = [sys.executable, "-m", "plant_sim.benchmark.bare_loop", "--scan-ms", str(PERIOD_MS)]
+    command = [sys.executable, "-m", "scripts.benchmark.live.bare_loop", "--scan-ms", str(PERIOD_MS)]
     done = subprocess.run(
         [*command, "--seconds", str(MEASURED_S)], check=True, capture_output=True, text=True, timeout=WAIT_S
     )

@@ -116,32 +116,52 @@ class CommandLine:
         given = list(sys.argv[1:] if arguments is None else arguments)
         if not given or given[0] not in (*self.commands, "-h", "--help", "--version"):
             given.insert(0, self.default)
-        with StopRequest() if stop is None else contextlib.nullcontext(stop) as request:
-            return until_reader_disconnects(lambda: self._run(given, request))
-
-    def _run(self, given: Sequence[str], stop: StopRequest) -> int:
         name = self.default if given[0] in {"-h", "--help"} else given[0]
-        try:
-            if name not in self.services:
-                stop.interrupt()
-            options = self.parser({name}).parse_args(given)
-            options.stop = stop
-            command: Callable[[argparse.Namespace], int] = options.command
-            return command(options)
-        except InputError as error:
-            place = declared_at(error) if isinstance(error, DeclarationError) else ""
-            sys.stderr.write(f"{place}: {error}\n" if place else f"{error}\n")
-            return USAGE_ERROR
-        except ModuleNotFoundError as error:
-            hint = install_hint(error)
-            if hint is None:
-                raise
-            sys.stderr.write(f"{name}: {hint}\n")
-            return USAGE_ERROR
-        except KeyboardInterrupt:
-            return INTERRUPTED
-        finally:
-            stop.collect()  # the command has ended, and its exit code is known
+        return run_command(
+            name, lambda request: self._run(name, given, request), stop, is_service=name in self.services
+        )
+
+    def _run(self, name: str, given: Sequence[str], stop: StopRequest) -> int:
+        options = self.parser({name}).parse_args(given)
+        options.stop = stop
+        command: Callable[[argparse.Namespace], int] = options.command
+        return command(options)
+
+
+def run_command(
+    name: str, command: Callable[[StopRequest], int], stop: StopRequest | None = None, *, is_service: bool = False
+) -> int:
+    """Run a command and return its exit code; invalid input and a missing dependency are one line on standard error.
+
+    Args:
+        name: Name of the command, which begins the line about a missing optional dependency.
+        command: Function that parses the arguments, prints the output and returns the exit code.
+        stop: Request to stop the process; None leaves the signal handlers unchanged.
+        is_service: True if the command looks for the request to stop; any other command is interrupted.
+    """
+    with StopRequest() if stop is None else contextlib.nullcontext(stop) as request:
+        return until_reader_disconnects(lambda: _reported(name, command, request, is_service))
+
+
+def _reported(name: str, command: Callable[[StopRequest], int], stop: StopRequest, is_service: bool) -> int:
+    try:
+        if not is_service:
+            stop.interrupt()
+        return command(stop)
+    except InputError as error:
+        place = declared_at(error) if isinstance(error, DeclarationError) else ""
+        sys.stderr.write(f"{place}: {error}\n" if place else f"{error}\n")
+        return USAGE_ERROR
+    except ModuleNotFoundError as error:
+        hint = install_hint(error)
+        if hint is None:
+            raise
+        sys.stderr.write(f"{name}: {hint}\n")
+        return USAGE_ERROR
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    finally:
+        stop.collect()  # the command has ended, and its exit code is known
 
 
 def version() -> str:

@@ -1,10 +1,10 @@
-"""Command ``docs``: reference tables generated from the plant, and the page of the benchmark."""
+"""Command ``docs``: reference tables generated from the plant."""
 
 from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -30,21 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``docs``."""
     add_machine_arguments(parser)
     parser.add_argument("--out", type=Path, required=True, help="output folder")
-    parser.add_argument(
-        "--performance",
-        type=Path,
-        default=None,
-        metavar="FILE",
-        help="write performance.md for this file of 'bench --json' instead of the tables",
-    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the tables or the page, and print their paths."""
+    """Write the tables, and print their paths."""
     check_machine_arguments(options)
     try:
-        pages = REFERENCE if options.performance is None else {"performance.md": _performance_of(options.performance)}
-        paths = _write(pages, options.out)
+        paths = write_reference(options.out)
     except OSError as error:
         raise InputError(f"--out {options.out}: {error.strerror}; specify a writable folder") from error
     print("\n".join(map(str, paths)))
@@ -174,14 +166,4 @@ REFERENCE = {
 
 def write_reference(folder: Path) -> list[Path]:
     """Write all tables; return the files."""
-    return _write(REFERENCE, folder)
-
-
-def _write(pages: Mapping[str, Callable[[], str]], folder: Path) -> list[Path]:
-    return write_texts(folder, {name: make() for name, make in pages.items()})
-
-
-def _performance_of(path: Path) -> Callable[[], str]:
-    from plant_sim.benchmark.results.page import performance_page  # noqa: PLC0415 - not needed for the tables
-
-    return lambda: performance_page(path)
+    return write_texts(folder, {name: make() for name, make in REFERENCE.items()})

@@ -35,7 +35,6 @@ COMMAND_LINE = CommandLine(
         "air": ("plant_sim.cli.air", "compare the air consumption of a run with Table 1 of the paper"),
         "study": ("plant_sim.cli.study.command", "run the papers' experiments, or custom ones, on the twin"),
         "planter": ("plant_sim.cli.planter", "motion of the chain planter of the cabbage paper"),
-        "bench": ("plant_sim.cli.bench", "measure the speeds stated in the documentation"),
         "docs": ("plant_sim.cli.docs", "write the reference tables generated from the plant"),
     },
     default="serve",

@@ -19,9 +19,6 @@ from controller.cli.main import COMMAND_LINE as CONTROLLER
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.tags import SIDES
-from plant_sim.benchmark.catalogue import PARTS
-from plant_sim.benchmark.results.page import minutes, performance_page
-from plant_sim.benchmark.results.record import read_record
 from plant_sim.cli import docs as plant_reference
 from plant_sim.cli.main import COMMAND_LINE as PLANT
 from plant_sim.cli.main import main as plant_main
@@ -30,6 +27,10 @@ from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
+from scripts.benchmark.catalogue import PARTS
+from scripts.benchmark.command import bench_parser
+from scripts.benchmark.results import page as performance
+from scripts.benchmark.results.record import read_record
 from tests.paths import DOCS, ROOT
 from tests.project import architecture_pictures
 
@@ -211,16 +212,17 @@ COMMANDS = [
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_can_be_parsed(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    if command == architecture_pictures.COMMAND:
+    if command in {architecture_pictures.COMMAND, performance.COMMAND}:
         return
     program, *arguments = shlex.split(command)
     if program == "scripts/test":
         assert all(argument in {"--nightly"} or argument.startswith("tests/") for argument in arguments)
         return
-    if program in {"scripts/run", "scripts/bench"}:
-        name = program.removeprefix("scripts/")
-        assert f"-m plant_sim {name} " in read(ROOT / program)
-        parser, arguments = PLANT.parser(), [name, *arguments]
+    if program == "scripts/bench":
+        parser = bench_parser()
+    elif program == "scripts/run":
+        assert "-m plant_sim run " in read(ROOT / program)
+        parser, arguments = PLANT.parser(), ["run", *arguments]
     else:
         assert program == ".venv/bin/python"
         assert arguments.pop(0) == "-m"
@@ -260,9 +262,8 @@ PERFORMANCE = DOCS / "performance.json"
 
 
 def test_the_performance_page_is_that_of_the_measurement() -> None:
-    assert read(DOCS / "performance.md") == performance_page(PERFORMANCE), (
-        "docs/performance.md is not up to date; run: .venv/bin/python -m plant_sim docs --performance "
-        "docs/performance.json --out docs"
+    assert read(DOCS / "performance.md") == performance.performance_page(PERFORMANCE), (
+        f"docs/performance.md is not up to date; run: {performance.COMMAND}"
     )
 
 
@@ -290,7 +291,7 @@ def test_the_pages_state_one_duration_of_the_tests() -> None:
     assert duration_s is not None
     stated = {page.relative_to(ROOT).as_posix(): stated_durations(read(page)) for page in PAGES}
     found = {name: durations for name, durations in stated.items() if durations}
-    expected = [f"{minutes(duration_s)} minutes"]
+    expected = [f"{performance.minutes(duration_s)} minutes"]
     assert found == dict.fromkeys(("CONTRIBUTING.md", "README.md", "docs/performance.md"), expected)
 
 

@@ -18,7 +18,7 @@ from tests.project.test_style import PACKAGES, blocks, trees
 
 GLOSSARY: Final = DOCS / "glossary.md"
 OFFENDERS: Final = ROOT / "tests/project/glossary_offenders.yaml"
-OFFENDERS_LEFT: Final = 58
+OFFENDERS_LEFT: Final = 55
 """Entries of the list of offenders. The number only decreases."""
 COLUMNS: Final = ["Term", "Meaning", "Names in", "Elsewhere", "Not"]
 WORD: Final = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
@@ -79,7 +79,7 @@ def terms() -> tuple[Term, ...]:
 def names() -> Iterator[Name]:
     """Yield the names of classes, modules, folders and commands."""
     folders = set[Path]()
-    for path, tree in trees(*PACKAGES, "tests"):
+    for path, tree in trees(*PACKAGES, "scripts/benchmark", "tests"):
         relative = path.relative_to(ROOT)
         folders.update(relative.parents)
         yield Name(path.stem, relative.as_posix(), relative.parent.as_posix())

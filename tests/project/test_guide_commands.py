@@ -35,6 +35,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP
 from plant_sim.cli.main import COMMAND_LINE as PLANT
 from plant_sim.cli.main import main as plant_main
 from plant_sim.common.paper_items import PaperName, paper_items
+from scripts.benchmark.results.page import main as page_main
 from tests.paths import DOCS, ROOT
 from tests.real_time import LIVE_RUN_OPTION, LOCK_STEP, SIMULATED, judge_live_run
 from tests.sampling import one_in
@@ -45,7 +46,7 @@ PAGES: Final = {
     if page.exists()
 }
 LINES: Final = {"controller": CONTROLLER, "plant_sim": PLANT}
-MAIN: Final = {"controller": controller_main, "plant_sim": plant_main}
+MAIN: Final = {"controller": controller_main, "plant_sim": plant_main, "scripts.benchmark.results.page": page_main}
 LIMIT_S: Final = 600
 START_LIMIT_S: Final = 60
 

@@ -303,10 +303,13 @@ def test_missing_tools_are_reported_to_other_users(machine: Machine, there: list
     assert machine.run("scripts/run")[0] == 0, "the simulated machine needs none of these tools"
 
 
-@pytest.mark.parametrize(("word", "extra"), [("run", "plant,studies,panel,parquet"), ("bench", "dev")])
-def test_run_and_bench_pass_their_arguments_on(machine: Machine, word: str, extra: str) -> None:
-    code, output, _ = machine.run(f"scripts/{word}", "--speed", "2 x")
-    assert (code, output) == (0, f"python|-P|-m|plant_sim|{word}|--speed|2 x\n")
+@pytest.mark.parametrize(
+    ("script", "command", "extra"),
+    [("run", "-P|-m|plant_sim|run", "plant,studies,panel,parquet"), ("bench", "-m|scripts.benchmark", "dev")],
+)
+def test_run_and_bench_pass_their_arguments_on(machine: Machine, script: str, command: str, extra: str) -> None:
+    code, output, _ = machine.run(f"scripts/{script}", "--speed", "2 x")
+    assert (code, output) == (0, f"python|{command}|--speed|2 x\n")
     assert machine.log.read_text().splitlines() == ["venv", f"pip .[{extra}]", *(["npm"] if extra == "dev" else [])]
 
 

@@ -44,6 +44,7 @@ FILES = {
     "controller/cli/main.py": COMMAND_LINE,
     "controller/cli/run.py": "from controller.panel.page import scan\n",
     "controller/cli/draw.py": "",
+    "scripts/benchmark/part.py": "import controller.core.clock\n",
     "controller/batch.py": "import sys\nCOMMAND = [sys.executable, '-m', 'controller', 'draw']\n",
     "tests/paths.py": "ROOT = 1\nDOCS = ROOT / 'docs'\n",
     "tests/conftest.py": "import controller.core.scan\n",
@@ -63,6 +64,7 @@ FILES = {
     "tests/test_guide.py": "from tests.paths import DOCS\n\n\ndef test_guide():\n    (DOCS / 'guide.md').read_text()\n",
     "tests/test_docs.py": "from tests.paths import DOCS\n\n\ndef test_docs():\n    list(DOCS.glob('*'))\n",
     "tests/test_tree.py": "from tests.paths import ROOT\n\n\ndef test_tree(name):\n    (ROOT / name).read_text()\n",
+    "tests/test_part.py": "import scripts.benchmark.part\n\n\ndef test_part(): ...\n",
     "tests/test_map.py": "def test_map():\n    open('io_map.yaml')\n",
 }
 
@@ -108,6 +110,7 @@ RUN = {"run", "any", "first", "all"}
         ),
         pytest.param("controller/core/typed.py", {"fixture"}, id="imports of a conftest with fixtures"),
         pytest.param("controller/core/gone.py", {"names"}, id="a name in a text, of a module that does not exist"),
+        pytest.param("scripts/benchmark/part.py", {"part"}, id="a part of the benchmark"),
         pytest.param("tests/rig/rig.py", {"draw", "any"}, id="a rig"),
         pytest.param("tests/rig/listed.csv", {"draw", "any", "fixture"}, id="data beside a rig"),
         pytest.param("docs/guide.md", {"guide", "docs"}, id="a page, by name and by folder"),

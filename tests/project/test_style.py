@@ -14,6 +14,7 @@ from typing import Final
 from tests.paths import ROOT
 
 PACKAGES: Final = ("controller", "plant_sim")
+SOURCES: Final = (*PACKAGES, "scripts", "tests")
 MOST_FILES: Final = 18
 """Maximum number of source files in a folder; ``controller/program`` is one program and may contain more."""
 MOST_ESCAPES: Final = 20
@@ -49,7 +50,7 @@ def blocks(node: ast.AST) -> Iterator[list[ast.stmt]]:
 def test_no_class_name_is_used_twice() -> None:
     names = Counter(
         node.name
-        for _, tree in trees(*PACKAGES)
+        for _, tree in trees(*PACKAGES, "scripts")
         for node in ast.walk(tree)
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )
@@ -59,7 +60,7 @@ def test_no_class_name_is_used_twice() -> None:
 def test_no_docstring_begins_with_a_question_word() -> None:
     found = [
         f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}"
-        for path, tree in trees(*PACKAGES, "tests")
+        for path, tree in trees(*SOURCES)
         for node in ast.walk(tree)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
         and QUESTION.match((ast.get_docstring(node, clean=False) or "").lstrip())
@@ -71,7 +72,7 @@ def test_no_statement_is_repeated_directly() -> None:
     """A statement that is executed several times in a row stands in a loop."""
     found = [
         f"{path.relative_to(ROOT)}:{after.lineno}: {ast.unparse(after)}"
-        for path, tree in trees(*PACKAGES, "tests", "scripts")
+        for path, tree in trees(*SOURCES)
         for block in blocks(tree)
         for before, after in pairwise(block)
         if before.end_col_offset == after.end_col_offset and ast.dump(before) == ast.dump(after)
@@ -80,12 +81,12 @@ def test_no_statement_is_repeated_directly() -> None:
 
 
 def test_no_folder_has_too_many_source_files() -> None:
-    files = Counter(path.parent for path in sources(*PACKAGES, "tests") if path.name != "__init__.py")
+    files = Counter(path.parent for path in sources(*SOURCES) if path.name != "__init__.py")
     large = {folder.relative_to(ROOT).as_posix() for folder, count in files.items() if count > MOST_FILES}
     assert large <= {"controller/program"}
 
 
 def test_formatter_escapes_are_rare() -> None:
     escape = "# fmt: " + "skip"
-    lines = sum(path.read_text(encoding="utf-8").count(escape) for path in sources(*PACKAGES, "tests"))
+    lines = sum(path.read_text(encoding="utf-8").count(escape) for path in sources(*SOURCES))
     assert lines <= MOST_ESCAPES

@@ -16,6 +16,8 @@ from tests.paths import ROOT
 from tests.suite.facts import ROOTS, WHOLE_TREE, Facts, command_table, places_of
 from tests.suite.facts_store import STORE, facts_of_all
 
+_SOURCES: Final = ("controller/", "plant_sim/", "scripts/benchmark/", "tests/")
+"""Folders of the source files whose facts are read; the other scripts decide how every test runs."""
 _CONFTEST: Final = "conftest.py"
 _PATHS: Final = "tests/paths.py"
 """File that declares the folders and reads none of them."""
@@ -94,7 +96,7 @@ def dependencies(root: Path, store: Path | None = None) -> Dependencies:
     """
     names = tracked(root)
     texts = {name: (root / name).read_text(encoding="utf-8") for name in names if name.endswith((".py", ".md"))}
-    sources = {name: text for name, text in texts.items() if name.endswith(".py") and name.partition("/")[0] in ROOTS}
+    sources = {name: text for name, text in texts.items() if name.endswith(".py") and name.startswith(_SOURCES)}
     facts = facts_of_all(sources, store)
     graph = _Graph(facts, _command_lines(sources))
     for name in facts:

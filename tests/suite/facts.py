@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import PurePosixPath
 from typing import Final
 
-ROOTS: Final = ("controller", "plant_sim", "tests")
+ROOTS: Final = ("controller", "plant_sim", "scripts", "tests")
 WHOLE_TREE: Final = ""
 """Folder of a file that reads files anywhere in the repository."""
 _MODULE: Final = re.compile(rf"(?<![\w./])(?:{'|'.join(ROOTS)})(?:\.\w+)*(?![\w/-])")

@@ -86,7 +86,7 @@ class SourceCopy:
             subprocess.run(["git", *_IDENTITY, *arguments], cwd=self.root, check=True, capture_output=True)
         give_machine_code(self.root / "plant_sim", self._machine_code)
         compile_all = ("-m", "compileall", "-q", "--invalidation-mode", "checked-hash")
-        packages = ("controller", "plant_sim", "tests")
+        packages = ("controller", "plant_sim", "scripts", "tests")
         subprocess.run([sys.executable, *compile_all, *packages], cwd=self.root, check=True, capture_output=True)
 
     @contextmanager

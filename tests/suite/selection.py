@@ -20,6 +20,8 @@ from tests.suite.dependencies import Dependencies, own_dependencies
 
 _DECIDES: Final = ("pyproject.toml", "scripts", ".ci", "tests/suite")
 """Files and folders that decide how every test runs."""
+_DECIDES_NOTHING: Final = "scripts/benchmark/"
+"""Folder among these whose files affect only the tests that depend on them."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,8 @@ def _tests(graph: Dependencies, paths: Sequence[str], direct: Mapping[str, set[s
 
 def decides_all(path: str) -> bool:
     """Return whether a changed file decides how every test runs."""
-    return PurePosixPath(path).name == "conftest.py" or any(
-        path == name or path.startswith(f"{name}/") for name in _DECIDES
-    )
+    decides = any(path == name or path.startswith(f"{name}/") for name in _DECIDES)
+    return PurePosixPath(path).name == "conftest.py" or (decides and not path.startswith(_DECIDES_NOTHING))
 
 
 def changed_since(root: Path, revision: str = "HEAD") -> list[Path]:

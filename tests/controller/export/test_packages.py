@@ -59,7 +59,8 @@ def test_a_package_in_lock_step_over_modbus_has_the_counts_of_the_twin(target: s
                 if far.state is until:
                     break
             assert near.state is far.state is until
-        counts = counts_of(operator.telemetry())
+        with Operator("127.0.0.1", port) as counter:  # the plant has closed a connection without requests for a minute
+            counts = counts_of(counter.telemetry())
     assert counts == near.plant.counts()
     assert (counts.in_cups, counts.P, counts.D, counts.T) == (134, 4, 3, 3)
 

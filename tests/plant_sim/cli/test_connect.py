@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusSerialClient
 
-from plant_sim.benchmark.serial_cable import SerialCable
 from plant_sim.cli.main import main
+from scripts.benchmark.live.serial_cable import SerialCable
 from tests.controller.common.modbus_rig import PATIENT_S, Client, read_registers
 from tests.plant_sim.links.plc.plc_rig import modbus_plc, profile_of
 

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from plant_sim.benchmark.serial_cable import SerialCable
+from scripts.benchmark.live.serial_cable import SerialCable
 from tests.paths import ROOT
 from tests.real_time import host_delay
 

@@ -314,7 +314,7 @@ def test_a_live_run_ends_in_order_although_it_is_stopped_repeatedly(
 def test_a_role_of_the_benchmark_ends_without_a_message(stack: ExitStack, tmp_path: Path) -> None:
     """The signal comes at all moments from the first output of the process to its end."""
     for _ in range(3):
-        service = stack.enter_context(Service("pipe", "plant_sim.benchmark.hmi_load", "waits", "1", folder=tmp_path))
+        service = stack.enter_context(Service("pipe", "scripts.benchmark.live.hmi_load", "waits", "1", folder=tmp_path))
         service.wait_until_caught(*NUMBERS)
         while service.process.poll() is None:
             service.stop(signal.SIGINT)

@@ -15,9 +15,9 @@ from pymodbus.client import ModbusSerialClient
 
 from controller.common.modbus.rtu import SerialLine, framed
 from controller.common.serial_server import REOPEN_S
-from plant_sim.benchmark.serial_cable import SerialCable
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.telemetry import TELEMETRY_REGISTERS, read_telemetry
+from scripts.benchmark.live.serial_cable import SerialCable
 from tests.controller.common.modbus_rig import PATIENT_S, READ_ALL_INPUTS, Rig, make_module, read_registers
 
 UNIT = 3

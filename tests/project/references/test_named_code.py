@@ -14,7 +14,7 @@ from itertools import chain
 from typing import Final
 
 from tests.paths import DOCS, ROOT
-from tests.project.test_style import PACKAGES, sources
+from tests.project.test_style import PACKAGES, SOURCES, sources
 
 NAME: Final = re.compile(r"(?<!`)`([A-Za-z]\w*[A-Za-z0-9](?:\.[A-Za-z_]\w*)*)(?:\(\))?`(?!`)")
 """Identifier or dotted name in single back-ticks; a prefix that ends with an underscore is no name."""
@@ -55,7 +55,7 @@ def texts() -> dict[str, str]:
     """Return the text of every Python file by its path."""
     return {
         path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
-        for path in sources(*PACKAGES, "tests", "scripts")
+        for path in sources(*SOURCES)
         if "node_modules" not in path.parts
     }
 

@@ -12,12 +12,12 @@ import pytest
 from modbus_tk import defines, modbus, modbus_rtu  # type: ignore[import-untyped]
 
 from controller.common.modbus.rtu import SerialLine
-from plant_sim.benchmark.serial_cable import SerialCable
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.plc.mc import McPlc
 from plant_sim.links.plc.modbus import ModbusPlc
 from plant_sim.links.plc.profile import PlcProtocol, profile_names
 from plant_sim.links.plc.transport import RtuTransport, TcpTransport
+from scripts.benchmark.live.serial_cable import SerialCable
 from tests.controller.common.modbus_rig import IO_MAP, PATIENT_S
 from tests.plant_sim.links.plc.mc_plc import Handler1E, Handler3E, mc_plc
 from tests.plant_sim.links.plc.plc_rig import (

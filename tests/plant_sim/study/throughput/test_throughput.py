@@ -38,8 +38,6 @@ from plant_sim.study.throughput.study import throughput_study
 from plant_sim.study.throughput.timeline import ARM
 from plant_sim.twin.trial import run_trial
 
-pytestmark = pytest.mark.nightly
-
 MACHINE = load_machine()
 FREQUENCIES = (50, 60)
 SEEDLINGS = 72
@@ -170,6 +168,7 @@ def test_the_chart_of_a_round_is_reproducible_byte_for_byte(tmp_path: Path) -> N
     assert once == again
 
 
+@pytest.mark.nightly
 def test_the_limit_is_between_the_last_frequency_without_gap_and_the_first_with_one() -> None:
     """The resolution is 1/min: runs of the search miss no cup at the limit and at least one at the next frequency."""
     limits = json.loads(study().json())["limits_per_min"]
@@ -181,6 +180,7 @@ def test_the_limit_is_between_the_last_frequency_without_gap_and_the_first_with_
     assert limits["settled"] == FREQUENCIES[1]
 
 
+@pytest.mark.nightly
 def test_the_recommendation_agrees_with_the_trials() -> None:
     """The recommendation is not above the limit, includes a margin of 10 %, and uses the given plant spacing."""
     record = json.loads(study().json())
@@ -197,6 +197,7 @@ def test_the_recommendation_agrees_with_the_trials() -> None:
     assert by_frequency[50]["missed_cups"] == 0 < by_frequency[60]["missed_cups"]
 
 
+@pytest.mark.nightly
 def test_the_report_contains_recommendation_cause_and_bottleneck() -> None:
     """The other arm in the centre causes the first gaps; the slide accounts for most of the critical path."""
     found = study()
@@ -220,6 +221,7 @@ def test_the_report_contains_recommendation_cause_and_bottleneck() -> None:
     assert f"{ground_speed_km_h(highest_per_min, 0.5):.2f} km/h" in found.text()
 
 
+@pytest.mark.nightly
 def test_a_trial_can_be_repeated_with_its_seed_and_setting() -> None:
     """The record contains seed, setting and result of every trial and of every observed run."""
     record = json.loads(study().json())
@@ -259,6 +261,7 @@ def test_the_longest_motion_is_a_single_motion_of_one_arm() -> None:
     assert f"waits {found.waiting_s:.2f} s for the other arm or the tray" in found.text()
 
 
+@pytest.mark.nightly
 def test_air_and_success_are_those_of_the_trials() -> None:
     """Air per seedling is the air consumed in the trial, from power-up to the end, divided by 72."""
     for point in json.loads(study().json())["points"]:
@@ -268,6 +271,7 @@ def test_air_and_success_are_those_of_the_trials() -> None:
         assert point["air_l_min"] > 30
 
 
+@pytest.mark.nightly
 def test_the_command_contains_frequencies_and_a_given_spacing() -> None:
     """An assumed spacing is omitted, so that a repeated study reports it as assumed again."""
     assert study().command == (
@@ -275,6 +279,7 @@ def test_the_command_contains_frequencies_and_a_given_spacing() -> None:
     )
 
 
+@pytest.mark.nightly
 def test_the_report_states_the_assumption_of_its_intervals() -> None:
     """The report lists the scatter between trials beside the pooled success."""
     trials = next(part for part in study().parts if isinstance(part, Table) and part.name == "trials")

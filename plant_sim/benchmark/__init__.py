@@ -1,1 +1,0 @@
-"""Benchmarks for the speeds stated in the documentation."""

@@ -1,0 +1,1 @@
+"""Parts of the benchmark that run controller, plant and panel as processes in real time."""

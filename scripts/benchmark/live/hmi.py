@@ -1,0 +1,271 @@
+"""Cost, speed and robustness of the operator interface, measured with real processes on loopback."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from controller.hmi.modbus.fx3u_map import register_address
+from controller.program.states import State
+from plant_sim.links.tag_file import tag_csv
+from plant_sim.machine.parameters import load_machine
+from plant_sim.twin.commissioning import set_points_of
+from plant_sim.twin.lock_step import SCAN_MS
+from plant_sim.twin.operator import Operator
+from plant_sim.twin.process import LiveError, Process
+from scripts.benchmark.live.hmi_load import connect, read_registers
+from scripts.benchmark.live.punctuality import Punctuality, measured_seconds, total
+
+STOLEN_LIMIT_S = 0.01
+"""Maximum steal time (processor time taken by the host) in a calm second, s: one tick of the steal-time counter."""
+
+WAITS_S: Final = 5
+QUIET_S: Final = 5
+SETTLING_S: Final = 3
+LOADED_S: Final = 10
+LOAD_PROCESSES: Final = 2
+CLIENTS_A_PROCESS: Final = 4
+BROWSERS: Final = 2
+FRAMES: Final = 20_000
+CONNECTIONS: Final = 10_000
+
+START_LIMIT_S: Final = 60.0
+HOMING_LIMIT_S: Final = 60.0
+WORK_LIMIT_S: Final = 120.0
+LATE_ALARMS: Final = {901, 902}
+"""Numbers of the alarms of late scans: field link lost, scan time exceeded."""
+ABORTS: Final = 10
+"""Aborts because of late scans that the operator clears before the machine works (assumed)."""
+_LOAD: Final = "scripts.benchmark.live.hmi_load"
+_MB: Final = 1_000_000
+
+
+def measure_punctuality(
+    _seed: int, *, waits_s: int = WAITS_S, quiet_s: int = QUIET_S, loaded_s: int = LOADED_S
+) -> dict[str, float]:
+    """Measure the lateness of a bare loop, then that of scans without and with clients.
+
+    Args:
+        waits_s: Duration of the bare loop, s.
+        quiet_s: Duration without clients, s.
+        loaded_s: Duration with clients, s.
+
+    Raises:
+        LiveError: A process failed, or the machine did not reach a required state.
+    """
+    with _bare_loop(waits_s) as waiting:
+        bare = _waited(waiting)
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
+        plant_port, _, hmi_port = stack.enter_context(running_controller(folder, at_work=True))
+        line = stack.enter_context(connect(hmi_port))
+        quiet = total(measured_seconds(line, quiet_s))
+        url = _panel(stack, folder, plant_port, hmi_port)
+        for_s = str(SETTLING_S + loaded_s + 2)
+        load = [
+            stack.enter_context(Process("clients", [_LOAD, "clients", str(hmi_port), str(CLIENTS_A_PROCESS), for_s]))
+            for _ in range(LOAD_PROCESSES)
+        ]
+        watching = stack.enter_context(Process("browsers", [_LOAD, "browsers", url, str(BROWSERS), for_s]))
+        for each in (*load, watching):
+            _read_record(each, START_LIMIT_S)
+        threading.Event().wait(SETTLING_S)
+        waiting = stack.enter_context(_bare_loop(loaded_s))
+        seconds = measured_seconds(line, loaded_s)
+        beside = _waited(waiting)
+        answers = sum(_read_record(each, START_LIMIT_S)["answers"] for each in load)
+        views = _read_record(watching, START_LIMIT_S)["messages"]
+    calm = [second for second in seconds if second.stolen_s <= STOLEN_LIMIT_S]
+    parts = {"bare": bare, "quiet": quiet, "loaded": total(seconds), "beside": beside}
+    if calm:
+        parts["calm"] = total(calm)
+    figures = {
+        f"{part}_{name}": value for part, lateness in parts.items() for name, value in lateness.figures().items()
+    }
+    return figures | {
+        "calm_s": len(calm),
+        "stolen": 100 * sum(second.stolen_s for second in seconds) / loaded_s,
+        "answers": answers / int(for_s),
+        "views": views / int(for_s),
+    }
+
+
+def measure_rates(_seed: int) -> dict[str, float]:
+    """Measure the request rates of the controller and of the pymodbus server.
+
+    Raises:
+        LiveError: A process failed.
+    """
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
+        _, _, port = stack.enter_context(running_controller(folder, at_work=False))
+        theirs = stack.enter_context(Process("pymodbus server", [_LOAD, "reference"]))
+        their_port = _read_record(theirs, START_LIMIT_S)["port"]
+        asking = stack.enter_context(Process("client", [_LOAD, "rates", str(port), str(their_port)]))
+        rates: dict[str, float] = _read_record(asking, WORK_LIMIT_S)
+    ratios = {f"{count}_ratio": rates[count] / rates[f"{count}_reference"] for count in ("one", "many")}
+    return rates | ratios
+
+
+def measure_malformed(seed: int, *, frames: int = FRAMES, connections: int = CONNECTIONS) -> dict[str, float]:
+    """Measure the memory of the controller before and after malformed frames, and count the answers.
+
+    Args:
+        seed: Seed of the mutations.
+        frames: Number of mutated frames.
+        connections: Number of connections that are opened and closed.
+
+    Raises:
+        LiveError: A process failed.
+        SilentServerError: The controller did not answer afterwards.
+    """
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
+        _, controller, port = stack.enter_context(running_controller(folder, at_work=False))
+        before_mb = controller.memory_mb
+        given = [str(each) for each in (port, frames, connections, seed)]
+        with Process("malformed", [_LOAD, "malformed", *given]) as process:
+            answered = _read_record(process, WORK_LIMIT_S)["answered"]
+        with connect(port) as line:
+            read_registers(line, register_address("R", 0), 2)
+        after_mb = controller.memory_mb
+    return {"answered": answered, "memory_before": before_mb, "memory_after": after_mb}
+
+
+class MeasuredProcess(Process):
+    """Process whose memory use can be read."""
+
+    @property
+    def memory_mb(self) -> float:
+        """Resident memory, MB."""
+        status = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
+        kib = next(line for line in status.splitlines() if line.startswith("VmRSS:")).split()[1]
+        return round(int(kib) * 1024 / _MB, 1)
+
+
+@contextmanager
+def running_controller(
+    folder: Path, *, at_work: bool, real_time: Sequence[str] = ()
+) -> Iterator[tuple[int, MeasuredProcess, int]]:
+    """Run plant and controller in real time; yield the plant's port, the controller and its Modbus port.
+
+    Args:
+        folder: Folder of the retentive memory.
+        at_work: True to home and start the machine.
+        real_time: Options of real-time scheduling of both processes.
+    """
+    with ExitStack() as stack:
+        plant = stack.enter_context(Process("plant", ["plant_sim", "serve", "--port", "0", *real_time]))
+        plant_port = int(_line(plant, START_LIMIT_S).rpartition(":")[2])
+        command = [
+            "controller",
+            "run",
+            "--port",
+            str(plant_port),
+            "--scan-ms",
+            str(SCAN_MS),
+            "--hmi-port",
+            "0",
+            "--retain",
+            str(folder / "retentive.json"),
+            "--events",
+            "json",
+            "--no-console",
+            *real_time,
+        ]
+        for name, value in set_points_of(load_machine()).items():
+            command += ["--set", f"{name}={value}"]
+        controller = stack.enter_context(MeasuredProcess("controller", command))
+        hmi_port = int(_read_record(controller, START_LIMIT_S)["hmi_port"])
+        _until(controller, State.STOPPED, START_LIMIT_S)
+        if at_work:
+            put_to_work(controller, stack.enter_context(Operator("127.0.0.1", plant_port)))
+        yield plant_port, controller, hmi_port
+
+
+def put_to_work(controller: Process, operator: Operator) -> None:
+    """Home and start a machine in Stopped.
+
+    A busy computer delays scans beyond the limits of the machine, which must abort then: the operator clears it and
+    starts again.
+
+    Raises:
+        LiveError: The machine aborted for another reason or too often, was held, or did not report within the limit.
+    """
+    aborts = 0
+    alarms: set[int] = set()
+    operator.press("start")
+    while (event := _read_record(controller, HOMING_LIMIT_S)).get("state") != State.EXECUTE:
+        if event["event"] == "alarm" and event["active"]:
+            alarms.add(event["number"])
+        state = event.get("state")
+        if state == State.HELD or (state == State.ABORTED and (aborts == ABORTS or not alarms & LATE_ALARMS)):
+            raise LiveError(f"{State.EXECUTE.name} not reached: {event['text']} {event['reason']}".rstrip())
+        if state == State.ABORTED:
+            aborts += 1
+            operator.hold("stop", pressed=True)
+        elif state in (State.STOPPED, State.IDLE):
+            alarms.clear()
+            operator.hold("stop", pressed=False)
+            operator.press("start")
+
+
+def _panel(stack: ExitStack, folder: Path, plant_port: int, hmi_port: int) -> str:
+    """Start a panel and return its address."""
+    tags = folder / "plant-tags.csv"
+    tags.write_text(tag_csv(), encoding="utf-8")
+    command = [
+        "controller",
+        "panel",
+        "--port",
+        "0",
+        "--users",
+        str(folder / "users.json"),
+        "--controller",
+        f"127.0.0.1:{hmi_port}",
+        "--history",
+        str(folder / "history.sqlite"),
+        "--trends",
+        str(folder / "panel-trends.sqlite"),
+        "--telemetry",
+        f"127.0.0.1:{plant_port}",
+        "--telemetry-tags",
+        str(tags),
+    ]
+    panel = stack.enter_context(Process("panel", command))
+    return _line(panel, START_LIMIT_S).removeprefix("panel at ")
+
+
+def _bare_loop(for_s: int) -> Process:
+    """Start a loop that only waits for deadlines."""
+    return Process("bare loop", [_LOAD, "waits", str(for_s)])
+
+
+def _waited(waiting: Process) -> Punctuality:
+    """Wait until a bare loop has ended, and return its lateness."""
+    result = _read_record(waiting, WORK_LIMIT_S)
+    return Punctuality.of(result["late"], result["missed"])
+
+
+def _until(controller: Process, state: State, limit_s: float) -> None:
+    """Wait until the controller reports the given state."""
+    while (event := _read_record(controller, limit_s)).get("state") != state:
+        if event.get("state") in (State.HELD, State.ABORTED):
+            raise LiveError(f"{state.name} not reached: {event['text']} {event['reason']}".rstrip())
+
+
+def _read_record(process: Process, within_s: float) -> dict[str, Any]:
+    record: dict[str, Any] = json.loads(_line(process, within_s))
+    return record
+
+
+def _line(process: Process, within_s: float) -> str:
+    line = process.next_line(within_s)
+    if line is None:
+        raise LiveError(f"the {process.name} ended with exit code {process.stop()}")
+    return line
