@@ -44,7 +44,7 @@ _COMMANDS: Final = {
         "right_discard": Text("Discard right", "右臂弃苗"),
         "jog_release": Text("End jog", "结束点动"),
         **{
-            f"{side}_row_{row}_empty": Text(f"{name.en.capitalize()} row {row} empty", f"{name.zh} {row} 行为空")
+            f"{side}_row_{row}_empty": Text(f"{name.en.capitalize()} row {row} empty", f"{name.zh}臂苗行 {row} 为空")
             for side, name in SIDES.items()
             for row in TRAY_ROWS
         },
@@ -187,7 +187,7 @@ _CONDITIONS: Final = {
         "holding": ("in Holding", "处于保持中状态"),
         "stopping": ("in Stopping", "处于停止中状态"),
         "start requested": ("start requested", "有启动请求"),
-        "ask loaded": ("question open: arm loaded?", "待确认是否持苗"),
+        "ask loaded": ("load in question", "待确认是否持苗"),
         "at feed": ("slide at feed", "滑块在投苗位"),
         "at next row": ("slide at the next row", "滑块在目标苗行"),
         "claws closed": ("last claw command: close", "夹爪指令为闭合"),

@@ -23,7 +23,7 @@ _FORMATS: Final = {
     "duration.h": Text("{h} h {min} min", "{h} 小时 {min} 分"),
     "unit.s": Text("s", "秒"),
     "unit.ms": Text("ms", "毫秒"),
-    "unit.mm/s": Text("mm/s", "毫米/秒"),
+    "unit.mm/s": Text("mm/s", "mm/秒"),
     "unit.1/h": Text("1/h", "行/小时"),
 }
 """Units, and formats with which the page combines texts and values."""
@@ -370,7 +370,7 @@ _HANDS: Final = {
         "the rows of the other arm are taken.",
         "须处于停止状态且臂在投苗位。停用的臂不动作，其苗行留在苗盘中；另一臂取完苗后苗盘即送出。",
     ),
-    "rows_left": Text("Rows left in trays", "留在苗盘中的苗行数"),
+    "rows_left": Text("Full rows sent out", "送出的未取苗行"),
     "parameters.name": Text("Parameter", "参数"),
     "parameters.value": Text("Current value", "当前值"),
     "parameters.limits": Text("Limits", "范围"),

@@ -151,6 +151,20 @@ def test_description_is_chinese() -> None:
     assert check(iter(strings.items())) > 700
 
 
+def test_a_row_that_is_empty_is_not_read_as_behaviour() -> None:
+    """The last character of *row* and *is* are the word *behaviour*."""
+    texts = [*chinese_strings(description()), *((key, text.zh) for key, text in static_texts())]
+    assert [(path, text) for path, text in texts if "行为" in text] == []
+
+
+def test_millimetres_are_a_symbol_alone_and_in_a_speed() -> None:
+    """Both are in one table."""
+    units = {point["unit"] for point in description()["set_points"]}
+    assert units >= {"mm", "mm/s"}
+    assert "unit.mm" not in TEXTS
+    assert TEXTS["unit.mm/s"].zh.startswith("mm/")
+
+
 @pytest.mark.parametrize("state", list(State))
 def test_view_is_chinese_in_every_state(state: State) -> None:
     builder, mirror = view_builder()

@@ -9,7 +9,7 @@ from random import Random
 import pytest
 
 from controller.core.devices import Memory
-from controller.core.expr import Bit, evaluate, leaves
+from controller.core.expr import Bit, Word, evaluate, leaves
 from controller.hmi.panel.orders.jog_reasons import foreseen_obstacle, jog_obstacle
 from controller.program.interlocks import Rule
 from controller.program.operator.commands import JOG_LEASE_MS, JOGGED
@@ -52,25 +52,40 @@ def test_every_rule_has_a_reason_in_both_languages() -> None:
         assert punctuation_errors(text.zh) == []
 
 
-def scenes(seed: int, count: int) -> Iterator[Memory]:
-    """Yield memories with random values of every bit that an interlock reads, most of which allow motion."""
-    random = Random(seed)
-    read = {device for rules in MACHINE.rule_groups.values() for rule in rules for device in leaves(rule.allow)}
+def put(memory: Memory, device: Bit | Word, value: int) -> int:
+    """Set a device; return its value before."""
+    if isinstance(device, Word):
+        before = memory.word(device.kind, device.number)
+        memory.set_word(device.kind, device.number, value)
+        return before
+    bits = memory.bits(device.kind)
+    before, bits[device.number] = bits[device.number], bool(value)
+    return before
+
+
+def scenes(rules: list[Rule], seed: int, count: int) -> Iterator[Memory]:
+    """Yield one memory again and again, each time with another random value of a device that the rules read.
+
+    A value is undone if an earlier rule blocks with it, so that each rule is the first that blocks at some time, and
+    no rule does in the end.
+    """
+    random, memory, reached = Random(seed), Memory(), 0
+    read = sorted({device for rule in rules for device in leaves(rule.allow)}, key=str)
     for _ in range(count):
-        memory = Memory()
-        for device in sorted(read, key=str):
-            if isinstance(device, Bit):
-                memory.bits(device.kind)[device.number] = random.random() < 0.5
-            else:
-                memory.set_word(device.kind, device.number, random.randrange(4))
+        device = random.choice(read)
+        before = put(memory, device, random.randrange(4 if isinstance(device, Word) else 2))
         yield memory
+        first = next((n for n, rule in enumerate(rules) if not evaluate(rule.allow, memory)), len(rules))
+        if first < reached:
+            put(memory, device, before)
+        reached = max(first, reached)
 
 
 @pytest.mark.parametrize("output", one_in(9, JOGGED))
 def test_the_reason_is_that_of_the_first_rule_that_blocks(output: str) -> None:
-    """Each rule of the output is the reason in some situation, and no reason is given for an output that may be on."""
-    rules, given = rules_of(output), set()
-    for memory in scenes(1, 4_000):
+    """Every rule of the output is the reason in some scene; if none blocks, only the end of the motion can be."""
+    rules, given, free = rules_of(output), set(), 0
+    for memory in scenes(rules, 1, 4_000):
         blocking = [rule.name for rule in rules if not evaluate(rule.allow, memory)]
         reason = jog_obstacle(MACHINE, memory, output)
         if blocking:
@@ -78,8 +93,9 @@ def test_the_reason_is_that_of_the_first_rule_that_blocks(output: str) -> None:
             given.add(blocking[0])
         else:
             assert reason in (None, AT_END)
-    assert {"motion allowed", *given} == {*given}
-    assert len(given) >= min(4, len(rules))
+            free += 1
+    assert given == {rule.name for rule in rules}
+    assert free > 0
 
 
 @pytest.fixture

@@ -17,6 +17,9 @@ from prometheus_client.parser import text_string_to_metric_families
 from controller.core.clock import MonotonicClock
 from controller.core.devices import Memory
 from controller.core.expr import leaves
+from controller.events.kinds import as_record
+from controller.history.query import RowSelection, open_history
+from controller.history.summary import summary
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import blocks
 from controller.hmi.panel.modbus.telemetry import TagFileError, Telemetry, load_tags
@@ -26,16 +29,20 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.operator.next_press import NextPress
 from controller.program.states import State
-from controller.program.tags import SIDES
+from controller.program.tags import ROWS, SIDES
 from controller.program.texts.next_press import NEXT_PRESSES
+from plant_sim.faults import parse_fault
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
+from plant_sim.twin.live import ReportedEvents
+from plant_sim.twin.recovery import home_again, repair
+from tests.controller.history.history_rig import history
 from tests.controller.hmi.panel.panel_rig import PanelRig, apply
 from tests.controller.hmi.panel.test_chinese import MACHINE, view_builder
-from tests.plant_sim.twin.twin_rig import at_work
+from tests.plant_sim.twin.twin_rig import TRAY_MS, at_work, to_complete
 
 VALUES = st.none() | st.booleans() | st.integers(0, 5) | st.lists(st.integers(0, 2), max_size=2)
 STEPS = st.dictionaries(st.sampled_from(["S20", "S21", "S22"]), st.just(1))
@@ -113,6 +120,33 @@ def test_view_matches_the_controller(rig: PanelRig) -> None:
         assert moved["arms"][side]["rows"]["1"] in (0, 1, 2, 3)
         assert not moved["commands"]["reset"]["free"]
         assert moved["commands"]["hold"] == {"free": True, "why": None}
+
+
+def test_panel_console_and_history_count_the_same_rows(tmp_path: Path) -> None:
+    """A row whose cycle a jam interrupts after the release counts, although its cycle is not timed."""
+    twin, path = at_work({"trays_target": 1}), tmp_path / "history.sqlite"
+    twin.run_until(twin.machine.tags.arms["left"].cycles.equals(1), within_ms=TRAY_MS)
+    jam = parse_fault("jammed:left.lift")
+    twin.plant.faults.add(jam)
+    twin.run_until_state(State.HELD, within_ms=TRAY_MS)
+    repair(twin, jam)
+    home_again(twin)
+    twin.start()
+    to_complete(twin)
+    builder, mirror = view_builder()
+    console = ReportedEvents()
+    with history(path) as writer:
+        for event in twin.events:
+            console.apply(as_record(event))
+            writer.write(event)
+    with open_history(path) as db:
+        (day,) = summary(db, RowSelection())
+    for kind, number in POLLED:
+        if kind in "DC":
+            mirror.memory.set_word(kind, number, twin.plc.memory.word(kind, number))
+    arms = builder.view()["arms"]
+    assert day.timed < day.rows
+    assert {arms["left"]["cycles"] + arms["right"]["cycles"], console.rows, day.rows} == {len(ROWS) * len(SIDES)}
 
 
 def test_what_to_do_now_does_not_repeat_the_alarm_of_the_banner() -> None:

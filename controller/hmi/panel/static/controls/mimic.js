@@ -24,7 +24,7 @@ function dimensions(geometry) {
 }
 
 const PLAN = { top: -470, height: 878 };
-const PLAN_AND_REAR = { top: -440, height: 1072 };
+const PLAN_AND_REAR = { top: -456, height: 1088 };
 
 export class Mimic {
   /** @param rear whether the rear view is drawn below the top view */
@@ -35,7 +35,7 @@ export class Mimic {
     const part = rear ? PLAN_AND_REAR : PLAN;
     this.tray = this.#tray();
     this.arms = Object.fromEntries(Object.keys(SIDES).map((side) => [side, this.#arm(side)]));
-    this.flow = draw("path", { class: "flow", d: "M0 -330 V-372 M-10 -358 L0 -372 L10 -358", "data-tag": "tray_run" });
+    this.flow = draw("path", { class: "flow", d: "M0 372 V330 M-10 344 L0 330 L10 344", "data-tag": "tray_run" });
     this.node = draw(
       "svg",
       { class: "mimic", viewBox: `${-width / 2} ${part.top} ${width} ${part.height}`, role: "img", "aria-label": t("mimic") },
@@ -46,7 +46,7 @@ export class Mimic {
       draw("path", { class: "ground", d: `M${-width / 2} ${FLOOR} H${width / 2}` }),
       draw("rect", { class: "tray-side", x: -140, y: FLOOR - 62, width: 280, height: 40 }),
       ...Object.values(this.arms).flatMap((arm) => [arm.cupSide, arm.behind]),
-      draw("text", { class: "caption", x: -width / 2 + 8, y: part.top + 30, text: t("mimic.plan") }),
+      draw("text", { class: "caption", x: -width / 2 + 8, y: part.top + 43, text: t("mimic.plan") }),
       draw("text", { class: "caption", x: -width / 2 + 8, y: 425, text: t("mimic.side") }),
     );
   }

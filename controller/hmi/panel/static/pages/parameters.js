@@ -26,8 +26,9 @@ function display(point, raw) {
   return `${scaled(point, raw)} ${unitText(point.unit)}`.trim();
 }
 
-function scaled(point, raw) {
-  return Number((raw * (point.scale ?? 1)).toFixed(3));
+/** Return a value with as many decimals as one count has. */
+function scaled({ scale = 1 }, raw) {
+  return (raw * scale).toFixed(Math.max(0, Math.ceil(-Math.log10(scale))));
 }
 
 export class ParametersPage {

@@ -40,7 +40,7 @@ class StoredRows {
     const rows = Array.from({ length: app.describe.geometry.rows }, (_, n) => n + 1);
     this.arms = Object.fromEntries(SIDES.map((side) => [side,
       new Facts(rows.map((row) => [`${side}_row_${row}`, list([t(side), `${t("row")} ${row}`])]))]));
-    this.node = make("div", { class: "two" }, ...Object.values(this.arms).map((facts) => facts.node));
+    this.node = make("div", { class: "two stored" }, ...Object.values(this.arms).map((facts) => facts.node));
   }
 
   update(view) {

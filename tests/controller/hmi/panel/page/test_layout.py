@@ -7,6 +7,7 @@ from playwright.sync_api import expect
 
 from controller.program.texts.operator import LANGUAGES
 from tests.controller.hmi.panel.page.screen import PAGES, Screen
+from tests.controller.hmi.panel.page.test_page import SHOW_ALARMS
 from tests.sampling import first_of
 
 pytestmark = pytest.mark.nightly
@@ -33,16 +34,36 @@ CROSSED_MARKS = """() => {
   marks.forEach((mark) => { mark.textContent = "✕"; });
   const frame = document.querySelector(".mimic").getBoundingClientRect();
   const captions = [...document.querySelectorAll(".mimic .caption")].filter((caption) => caption.checkVisibility());
+  const flow = document.querySelector(".mimic .flow").getBoundingClientRect();
+  const cut = captions.filter((caption) => caption.getBoundingClientRect().top < frame.top);
   return [...marks, ...document.querySelectorAll(".mimic .carriage")].flatMap((mark) => {
     const a = mark.getBoundingClientRect();
     const crossed = captions.filter((caption) => {
       const b = caption.getBoundingClientRect();
       return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
     }).map((caption) => caption.textContent);
-    return a.top < frame.top ? [...crossed, "edge of the picture"] : crossed;
-  });
+    if (a.top < frame.top) crossed.push("edge of the picture");
+    if (marks.includes(mark) && a.top < flow.bottom && flow.top < a.bottom) crossed.push("arrow of the conveyor");
+    return crossed;
+  }).concat(cut.map((caption) => `${caption.textContent}: cut`));
 }"""
-"""Script that marks both arms, and returns what marks and carriages lie over: captions of the picture or its edge."""
+"""Script that marks both arms, and returns what marks and carriages lie over: captions of the picture or its edge, and
+in another place of the slide the arrow of the conveyor; also the captions that the edge of the picture cuts."""
+
+
+OFF_LINE = """(selectors) => selectors.flatMap(([row, ...parts]) => [...document.querySelectorAll(row)]
+  .filter((one) => one.checkVisibility({ visibilityProperty: true })).flatMap((one) => {
+    const lines = parts.map((part) => {
+      const probe = document.createElement("span"), place = one.querySelector(part);
+      probe.style.cssText = "display: inline-block; width: 0; height: 0;";
+      place.prepend(probe);
+      const { bottom } = probe.getBoundingClientRect();
+      probe.remove();
+      return bottom;
+    });
+    return Math.max(...lines) - Math.min(...lines) > 1 ? [`${one.textContent}: ${lines.join(", ")} px`] : [];
+  }))"""
+"""Script that returns the rows whose parts have their text on different base lines."""
 
 
 @pytest.mark.parametrize(("width", "height"), first_of([(390, 844), (800, 1280), (1280, 800)]))
@@ -74,10 +95,35 @@ def test_no_text_is_larger_than_its_key(screen: Screen, language: str) -> None:
     assert {page: keys for page, keys in cut.items() if keys} == {}
 
 
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_value_stands_on_the_line_of_its_name(screen: Screen, language: str) -> None:
+    """Also a number beside Chinese characters, whose lines are higher; the mode beside the clock."""
+    screen.page.set_viewport_size({"width": 1024, "height": 768})
+    screen.select_language(language)
+    off = {}
+    for page in ("overview", "trays", "recovery"):
+        screen.open(page)
+        off[page] = screen.page.evaluate(OFF_LINE, [[".facts div", "dt", "dd"], [".when", ".clock", ".mode"]])
+    screen.select_language("en")
+    assert {page: rows for page, rows in off.items() if rows} == {}
+
+
+def test_sign_name_and_keys_of_an_alarm_are_on_one_line(screen: Screen) -> None:
+    """Also the reason that stands in place of the key to shelve it."""
+    screen.page.set_viewport_size({"width": 1024, "height": 768})
+    screen.open("overview")
+    screen.page.evaluate(SHOW_ALARMS, [[{"number": 911, "first_out": True}]])
+    parts = screen.find("#shown-alarms .alarm-row").locator(".alarm-sign, .alarm-open, .orders > *")
+    boxes = [part.bounding_box() for part in parts.all()]
+    middles = [box["y"] + box["height"] / 2 for box in boxes if box is not None]
+    assert len(middles) == 4
+    assert max(middles) - min(middles) <= 1
+
+
 @pytest.mark.parametrize(("width", "height"), [(800, 480), (1024, 768), (1366, 768)])
 @pytest.mark.parametrize("page", ["cab", "overview"])
-def test_marks_and_carriages_lie_over_no_caption(screen: Screen, page: str, width: int, height: int) -> None:
-    """At the feed position, where they are nearest to the captions; and the marks are in the picture."""
+def test_marks_and_carriages_lie_over_no_caption_or_arrow(screen: Screen, page: str, width: int, height: int) -> None:
+    """At the feed position, where they are nearest to the captions; marks and captions are in the picture."""
     screen.page.set_viewport_size({"width": width, "height": height})
     screen.open(page)
     crossed = screen.page.evaluate(CROSSED_MARKS)

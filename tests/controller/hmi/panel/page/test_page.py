@@ -168,7 +168,7 @@ def test_parameter_is_checked_before_it_is_sent(stopped: Station, screen: Screen
         row.locator("button[type=submit]").click()
         expect(row.locator("[role=alert]")).to_contain_text(message)
     assert live.runtime.plc.read(settle) == 10
-    expect(screen.find("[data-fact=lambda_lowest] + td")).to_have_text("0.1 – 3")
+    expect(screen.find("[data-fact=lambda_lowest] + td")).to_have_text("0.10 – 3.00")
     expect(screen.find("[data-fact=planter_pitch]")).to_have_text("489 mm")
     row.locator("input").fill("300")
     row.locator("input").press("Enter")

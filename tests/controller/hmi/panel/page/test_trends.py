@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from datetime import datetime
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 from zoneinfo import ZoneInfo
@@ -316,6 +317,15 @@ def test_limits_are_those_of_the_machine_over_the_whole_range(trends: Trends) ->
     expect(legend).to_have_text(["main: lower limit 380.0 kPa", "claws: lower limit 100.0 kPa"])
     clamp = trends.screen.find("[data-chart='Clamp force'] .limit")
     expect(clamp).to_have_text([f"lower limit {MACHINE.claws.holds_above_n:.1f} N"])
+
+
+def test_the_legend_of_a_limit_has_the_dashes_of_its_line(trends: Trends) -> None:
+    trends.span(60)
+    dashes = [int(length) for length in trends.pressures().looks[-1].partition(" ")[0].split(",")]
+    legend = trends.screen.find(".chart .limit").first
+    drawn = legend.evaluate("one => getComputedStyle(one, '::before').backgroundImage")
+    ends = [int(end) for end in re.findall(r"\b([1-9]\d*)px", drawn)]
+    assert ends == list(accumulate(dashes))
 
 
 def test_series_differ_by_more_than_their_colour(trends: Trends) -> None:

@@ -27,14 +27,12 @@ Changes = dict[str, dict[str, Any]]
 Variants = dict[str, Changes]
 
 
-def alarms(*states: int) -> Variants:
-    """Return views with one alarm of each priority in each state; each priority stands for the number of an alarm."""
+def alarms(*states: int, kinds: tuple[str, ...] = ("safety", "stops", "warning")) -> Variants:
+    """Return views with one alarm of each kind in each state; each kind stands for the number of an alarm."""
     row = {"first_out": False, "follows": None, "chattering": False, "standing": False, "came_ms": 0}
     return {
-        f"{priority} {state}": {
-            "alarms": {"rows": [row | {"state": state, "number": priority, "shelved_until_ms": None}]}
-        }
-        for priority in ("safety", "stops", "warning")
+        f"{kind} {state}": {"alarms": {"rows": [row | {"state": state, "number": kind, "shelved_until_ms": None}]}}
+        for kind in kinds
         for state in states
     }
 
@@ -73,6 +71,23 @@ CASES: Final[dict[str, dict[str, Variants]]] = {
         "[data-jog='left.slide_inward']": each_of("commands", "jog_left_slide_inward/free", False, True),
     },
     "recovery": {"[data-command=reset]": each_of("commands", "reset/free", False, True)},
+    "cab": {
+        ".mimic .arm[data-tag='left.slide']": each_of("arms", "left/loaded", False, True)
+        | alarms(1, kinds=("left slide",)),
+        ".mimic .tray-row[data-row='left.1']": each_of("arms", "left/rows/1", 0, 1, 2, 3),
+        ".mimic .flow": each_of("tray", "running", False, True),
+        ".figure:has([data-fact=missed])": each_of("arms", "left/missed_cups", 0, 8),
+        "[data-cab=alarms]": each_of("alarms", "rows", []) | alarms(1, kinds=("stops",)),
+        ".next-command [data-command=reset]": {
+            free: {"machine": {"next_command": "reset", "isolate": False}, "commands": {"reset/free": free == "free"}}
+            for free in ("blocked", "free")
+        },
+    },
+    "trays": {
+        "[data-fact=left_row_1]": each_of("arms", "left/rows/1", 0, 1, 2, 3),
+        "[data-command=left_row_1_empty]": each_of("commands", "left_row_1_empty/free", False, True),
+    },
+    "parameters": {"[data-set-point=clamp]": each_of("set_points", "clamp", 20, 21)},
 }
 """Views by page and element; each picture of the element must be told from each other one."""
 
@@ -107,10 +122,10 @@ NUMBERS: Final = """async () => {
   const { app } = await import("/static/app.js");
   const first = (test) => app.describe.alarms.find(test).number;
   return { safety: first((one) => one.safety), stops: first((one) => one.stops_work && !one.safety),
-    warning: first((one) => !one.stops_work && !one.safety),
+    warning: first((one) => !one.stops_work && !one.safety), "left slide": first((one) => one.device === "left.slide"),
     ...Object.fromEntries(app.describe.points.map((point) => [point.tag, point.address])) };
 }"""
-"""Script that returns the number of an alarm of each priority, and the address of each tag."""
+"""Script that returns the number of an alarm of each priority and of a device, and the address of each tag."""
 
 
 @contextmanager

@@ -150,7 +150,7 @@ def test_the_pad_has_a_sign_and_a_point_only_for_a_set_point_that_has_them(stopp
         expect(touch.find(".pad-closed")).to_have_count(0)
         touch.field_of("no_cups").tap()
         touch.type("-5.1")
-        expect(touch.pad.locator(".wrong")).to_have_text("Enter -5 to 5")
+        expect(touch.pad.locator(".wrong")).to_have_text("Enter -5.0 to 5.0")
         touch.key("clear").tap()
         touch.type("-4.05")
         expect(touch.pad.locator(".wrong")).to_have_text("Enter a multiple of 0.1")
