@@ -209,7 +209,10 @@ def test_every_text_is_readable_in_an_emergency_stop(station: Maintained, name: 
     live.until_state(State.ABORTED)
     screen.open(name)
     expect(screen.find(".banner")).to_have_attribute("data-priority", "safety")
+    stand_still(screen.page)  # a new list of alarms would replace the controls while they are measured
     low = low_in_any_state(screen.page)
+    screen.page.reload()
+    expect(screen.find("body")).to_have_attribute("data-link", "live")
     screen.open("overview")
     screen.press("[data-box=emergency_stop]")
     clear(screen, live)
