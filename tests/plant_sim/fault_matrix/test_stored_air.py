@@ -56,7 +56,6 @@ def check(remedy: str, cases: list[AirCase]) -> None:
     assert all(result.outcome.lift_m_s < RATING.lift_m_s for result in results)
 
 
-@pytest.mark.nightly
 @pytest.mark.parametrize("remedy", first_of(FITTED))
 def test_with_a_remedy_no_speed_exceeds_its_rating_and_work_goes_on(remedy: str) -> None:
     """Both arms, every remedied condition, all seedlings in the cups and no other stop."""

@@ -138,7 +138,6 @@ def interrupted(file: Path, out: Path) -> Iterator[subprocess.Popen[str]]:
         yield process
 
 
-@pytest.mark.nightly
 def test_kill_9_loses_no_run_and_repeats_none(long_table: list[dict[str, Any]], tmp_path: Path) -> None:
     """The process is killed when some files exist; its worker processes end, and one process completes the campaign."""
     file, out = written(tmp_path), tmp_path / "out"
