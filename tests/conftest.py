@@ -11,6 +11,7 @@ from typing import Final
 from zlib import crc32
 
 import pytest
+from _pytest.doctest import DoctestModule
 from hypothesis import settings
 
 from controller.program.tags import SIDES
@@ -21,6 +22,8 @@ from tests.sampling import DEFAULT, NIGHTLY
 
 GC_ALLOCATIONS: Final = 50_000
 """Allocations between garbage collections; the default of 700 takes 8 % of the time of a run."""
+EXAMPLE: Final = ">>> "
+"""Start of an example in a docstring."""
 SAMPLED: Final = tuple(
     ROOT / "tests" / folder
     for folder in (
@@ -47,8 +50,24 @@ def pytest_configure(config: pytest.Config) -> None:
     by_night = NIGHTLY in config.option.markexpr and f"not {NIGHTLY}" not in config.option.markexpr
     settings.load_profile(NIGHTLY if by_night else DEFAULT)
     config.pluginmanager.register(ProcessWatch())
+    config.pluginmanager.register(ExamplesOnly())
     if not hasattr(config, "workerinput"):
         assert Twin().plant.x
+
+
+class ExamplesOnly:
+    """Collection of docstrings only from modules that contain an example; a plugin of pytest for all folders.
+
+    The other modules, nine of ten, need not be imported and searched in each worker.
+    """
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collect_file(self, file_path: Path) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+        """Return the collectors of a file without that of examples if it contains none."""
+        collectors = yield
+        if any(isinstance(each, DoctestModule) for each in collectors) and EXAMPLE not in file_path.read_text():
+            return [each for each in collectors if not isinstance(each, DoctestModule)]
+        return collectors
 
 
 @pytest.hookimpl(wrapper=True)

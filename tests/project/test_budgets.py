@@ -12,7 +12,17 @@ import pytest
 from tests.paths import ROOT
 from tests.sampling import first_of
 from tests.suite import leaves
-from tests.suite.budgets import BUDGETS, OTHERS_LIMIT, Meter, Usage, budgets, folder_of, reference_loop_s, units_of
+from tests.suite.budgets import (
+    BUDGETS,
+    OTHERS_LIMIT,
+    USUAL_SHARE,
+    Meter,
+    Usage,
+    budgets,
+    folder_of,
+    reference_loop_s,
+    units_of,
+)
 
 USAGE = Usage(
     {"tests/project": 3.0, "tests/controller/fx": 1.0},
@@ -68,6 +78,18 @@ def test_a_test_is_compared_with_the_loop_of_its_time(monkeypatch: pytest.Monkey
 )
 def test_a_folder_over_its_budget_and_one_without_are_named(table: dict[str, float], expected: list[str]) -> None:
     assert USAGE.exceeded(table) == expected
+
+
+@pytest.mark.parametrize(("factor", "slowness"), [(0.5, 1.0), (1.0, 1.0), (1.3, 1.3)])
+def test_a_folder_is_over_its_budget_if_it_has_grown_more_than_the_others(factor: float, slowness: float) -> None:
+    """Four folders with their usual share of a budget of 10 on a computer that takes `factor` times the units."""
+    table = {f"tests/{name}": 10.0 for name in "abcd"}
+    units = dict.fromkeys(table, 10 * USUAL_SHARE * factor)
+    usage = Usage({}, units, reference_s=0.01, others=0.0)
+    assert usage.slowness(table) == pytest.approx(slowness)
+    assert usage.exceeded(table) == []
+    grown = Usage({}, units | {"tests/d": 10.1 * slowness}, reference_s=0.01, others=0.0)
+    assert grown.exceeded(table) == [f"tests/d: {10.1 * slowness:.1f} units of processor time, budget 10"]
 
 
 def test_every_folder_with_a_budget_exists() -> None:

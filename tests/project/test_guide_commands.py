@@ -329,7 +329,7 @@ def check(name: str, commands: list[str], folder: Path, capsys: pytest.CaptureFi
                 json.loads(output)
 
 
-@pytest.mark.parametrize("name", one_in(3, BY_DEFAULT))
+@pytest.mark.parametrize("name", one_in(5, BY_DEFAULT))
 def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(name, BY_DEFAULT[name], folder, capsys)
 

@@ -6,6 +6,7 @@ import csv
 import re
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Final
 
 import pytest
 from blark.parse import parse_source_code  # type: ignore[import-untyped]
@@ -29,14 +30,22 @@ from tests.sampling import first_of
 
 TARGETS = sorted(PLACES)
 SEED, TRAYS = 1, 2
+WHOLE_TRIAL: Final = 20_000
+"""Scans that are more than those of the trial."""
 
 
 # ---- equality ----
 
 
-@pytest.mark.parametrize("target", first_of(["openplc", "codesys", "plain"]))
-def test_a_package_in_lock_step_over_modbus_has_the_counts_of_the_twin(target: str) -> None:
-    """The outputs of the package and of the twin are equal in every scan of a trial with two trays."""
+@pytest.mark.parametrize(
+    ("target", "scans"),
+    first_of([("openplc", 6_000), ("openplc", WHOLE_TRIAL), ("codesys", WHOLE_TRIAL), ("plain", WHOLE_TRIAL)]),
+)
+def test_a_package_in_lock_step_over_modbus_has_the_counts_of_the_twin(target: str, scans: int) -> None:
+    """The outputs of the package and of the twin are equal in every scan of a trial with two trays.
+
+    By default the trials are compared 60 s after the start, when the arms pick from the second tray.
+    """
     far, near = rig(target), Twin(seed=SEED, trays=TRAYS, set_points={"trays_target": TRAYS})
     with ExitStack() as stack:
         port = stack.enter_context(plant_process("--lock-step-ms", str(SCAN_MS), seed=SEED, trays=TRAYS))
@@ -45,7 +54,7 @@ def test_a_package_in_lock_step_over_modbus_has_the_counts_of_the_twin(target: s
         stack.callback(link.close)
         link.open()
         for until in (State.IDLE, State.COMPLETE):
-            for n in range(20_000):
+            for n in range(scans):
                 if n in (2, 14):
                     operator.hold("start", pressed=n == 2)
                     near.plant.box.start = n == 2
@@ -58,11 +67,13 @@ def test_a_package_in_lock_step_over_modbus_has_the_counts_of_the_twin(target: s
                 far.link_ms += SCAN_MS
                 if far.state is until:
                     break
-            assert near.state is far.state is until
+            assert near.state is far.state
+            assert far.state is until or scans < WHOLE_TRIAL
         with Operator("127.0.0.1", port) as counter:  # the plant has closed a connection without requests for a minute
             counts = counts_of(counter.telemetry())
     assert counts == near.plant.counts()
-    assert (counts.in_cups, counts.P, counts.D, counts.T) == (134, 4, 3, 3)
+    assert counts.in_tray < 72
+    assert (counts.in_cups, counts.P, counts.D, counts.T) == (134, 4, 3, 3) or scans < WHOLE_TRIAL
 
 
 # ---- files ----

@@ -21,7 +21,7 @@ from tests.sampling import first_of
 
 STORIES = 1_000
 COUNTED_STORIES = 200
-BATCH = 20
+BATCH = 10
 LONG = 8
 """One story in eight is long and monitored."""
 MACHINE = load_machine()
@@ -137,7 +137,7 @@ def attempt(twin: Twin, state: State, within_ms: int) -> Iterator[None]:
     yield
 
 
-@pytest.mark.parametrize("first", first_of(range(0, STORIES, BATCH), nightly=15))
+@pytest.mark.parametrize("first", first_of(range(0, STORIES, BATCH), nightly=30))
 def test_stories_are_equal_in_machine_code_and_step_by_step(first: int) -> None:
     """Every device, value, event and seedling is equal after every part of the stories."""
     interrupted = 0

@@ -239,7 +239,7 @@ def check_program(text: str, story: list[FxScan]) -> None:
         plc.scan(now_ms, scanned.levels)
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(programs(), STORIES)
 def test_arbitrary_programs_have_equal_devices_after_every_scan(text: str, story: list[FxScan]) -> None:
     check_program(text, story)

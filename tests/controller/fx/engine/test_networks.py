@@ -139,7 +139,7 @@ def text_of(lines: list[Line]) -> Iterator[str]:
     yield "END"
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(NETWORKS | CONTROLLED, STORIES)
 def test_engine_and_stack_machine_agree_in_every_scan(lines: list[Line], story: list[Levels]) -> None:
     compare(lines, story)

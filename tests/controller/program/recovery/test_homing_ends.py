@@ -30,7 +30,7 @@ from tests.sampling import first_of
 from tests.wiring import wired
 
 TAGS = MACHINE.tags
-SAMPLE = 40
+SAMPLE = 80
 
 
 def changed(change: Callable[[Rung], Rung | None]) -> Transplanter:
@@ -90,7 +90,7 @@ def _returning(step: Step) -> Step:
 def test_every_start_ends_in_idle(every: int) -> None:
     """Without a fault and with true answers, at most two homings lead from any place and memory to Idle.
 
-    One start in 40 is examined; all of them with ``--nightly``.
+    One start in 80 is examined; all of them with ``--nightly``.
     """
     found = explore(MACHINE, every=every)
     assert [describe(*dead_end) for dead_end in found.dead_ends] == []

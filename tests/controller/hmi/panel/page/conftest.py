@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser
 
-from tests.controller.hmi.panel.page.panel_page_rig import PASSWORDS, LiveMachine, PanelProcess
+from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
 from tests.controller.hmi.panel.page.screen import Screen, Station, chromium, started
 
 
@@ -39,18 +40,19 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
 
 
 @pytest.fixture(scope="module")
-def screens(stopped: Station, browser: Browser) -> Iterator[dict[str, Screen]]:
-    """Yield a page of the stopped machine for each user, shared by the tests; each test must leave it without a dialog
-    and in English.
+def screen_of(stopped: Station, browser: Browser) -> Iterator[Callable[[str], Screen]]:
+    """Yield a function that returns the page of a user at the stopped machine, opened at the first call.
+
+    The tests share the pages; each test must leave them without a dialog and in English.
     """
     with ExitStack() as stack:
-        yield {user: stack.enter_context(Screen(browser, stopped.panel.url, user)) for user in PASSWORDS}
+        yield cache(lambda user: stack.enter_context(Screen(browser, stopped.panel.url, user)))
 
 
 @pytest.fixture(params=["operate"])
-def screen(request: pytest.FixtureRequest, screens: dict[str, Screen]) -> Iterator[Screen]:
+def screen(request: pytest.FixtureRequest, screen_of: Callable[[str], Screen]) -> Iterator[Screen]:
     """Yield the page of a user, by default the operator, at the overview."""
-    shared = screens[request.param]
+    shared = screen_of(request.param)
     shared.open("overview")
     yield shared
     unexpected, shared.unexpected[:] = [*shared.unexpected], []
