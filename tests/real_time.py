@@ -34,8 +34,8 @@ SIMULATED: Final = ("--simulated-time", "--timeout-ms", "10000")
 """Options of a controller whose scans are never late; a busy computer only slows it down."""
 SERVERS: Final = {"controller": {"run"}, "plant_sim": {"serve", "connect", "hil"}}
 """Commands in real time, by package."""
-NOT_IN_REAL_TIME: Final = {SIMULATED[0], LOCK_STEP[0], "--check", "--help"}
-"""Options with which these commands follow no clock or serve nothing."""
+NOT_IN_REAL_TIME: Final = {SIMULATED[0], LOCK_STEP[0], "program", "--check", "--help"}
+"""Words with which these commands follow no clock or serve nothing; ``hil program`` runs in one process."""
 LIVE_RUN_OPTION: Final = "--real-time"
 LATE_ALARMS: Final = ("Scan time exceeded", "Field link lost")
 LATE_MS: Final = 90

@@ -25,6 +25,7 @@ PYTHON = (sys.executable, "-m")
         ((*PYTHON, "plant_sim", "serve", "--lock-step-ms", "10"), False),
         ((*PYTHON, "plant_sim", "connect", "fx5u"), True),
         ((*PYTHON, "plant_sim", "hil", "serve"), True),
+        ((*PYTHON, "plant_sim", "hil", "program"), False),
         ((*PYTHON, "plant_sim", "run"), False),
         ((*PYTHON, "plant_sim", "run", "--real-time"), True),
         (("scripts/run", "--real-time"), True),

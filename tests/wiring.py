@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.common.modbus.io_map import IoMap
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 
 DELIVERED = load_io_map(DEFAULT_IO_MAP)
 

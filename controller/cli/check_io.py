@@ -15,10 +15,11 @@ from controller.commissioning.texts import PROMPTS, said
 from controller.commissioning.wire_check import WireCheck
 from controller.common.command_line import version
 from controller.common.errors import InputError
+from controller.common.modbus.io_map import IoMap, Point
 from controller.common.suggestion import suggestion
 from controller.core.clock import MonotonicClock, utc_ms
 from controller.io.field.link import DevicesLink
-from controller.iomap.loader import IoMap, Point, load_io_map
+from controller.iomap.loader import load_io_map
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

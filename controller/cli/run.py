@@ -39,7 +39,7 @@ from controller.common.stop_request import Stop, StopRequest
 from controller.core.clock import MonotonicClock, utc_ms, utc_text
 from controller.core.retentive_store import DamagedStoreError, FileStore
 from controller.core.scan import Plc
-from controller.hmi.modbus.tag_list import unit_of
+from controller.hmi.access.tag_list import unit_of
 from controller.io.captured_plc import CapturedPlc
 from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Final
 
 from controller.common.errors import InputError
+from controller.common.modbus.io_map import IoMap, OutputRegister, Point
 from controller.common.stop_request import Stop
 from controller.io.field.field_file import FieldFileError, FieldPlan, load_field, one_device, place_of
 from controller.io.field.link import DevicesLink
 from controller.io.output_guard import ModbusOutputGuard
-from controller.iomap.loader import IoMap, OutputRegister, Point
 
 RETRY_S = 0.5
 """Interval between attempts to reach the field I/O, s."""

@@ -20,13 +20,13 @@ from controller.events.production import ProductionLog
 from controller.events.writer import EventWriter, McServingEvent, OutputsEvent, ServingEvent
 from controller.history.schema import HistoryError
 from controller.history.writer import HistoryWriter
-from controller.hmi.access.devices import AccessSource
+from controller.hmi.access.server import HmiServer
 from controller.hmi.console import Console, ConsoleReader
 from controller.hmi.mitsubishi.mc import DEFAULT_PORT as DEFAULT_MC_PORT
 from controller.hmi.mitsubishi.mc import FRAMES, mc_tcp
 from controller.hmi.mitsubishi.port_line import programming_port
 from controller.hmi.modbus.endpoint import DEFAULT_PORT, HmiOptions
-from controller.hmi.modbus.server import HmiServer
+from controller.hmi.serving.devices import AccessSource
 from controller.hmi.serving.endpoints import Endpoint, TcpEndpoint, TcpSettings
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace

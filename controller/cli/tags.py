@@ -8,7 +8,7 @@ from pathlib import Path
 from controller.cli.machine import add_io_map, machine_of
 from controller.common.document.rendering import reference_table, write_texts
 from controller.common.errors import InputError
-from controller.hmi.modbus.tag_list import COLUMNS, tag_csv, tag_rows
+from controller.hmi.access.tag_list import COLUMNS, tag_csv, tag_rows
 from controller.program.machine import Transplanter
 
 TAGS_HEAD = """# Tags for operator panels

@@ -9,11 +9,11 @@ from typing import Final
 from controller.commissioning.axes import Change, Levels
 from controller.commissioning.hold import HoldToRun
 from controller.commissioning.terminal import Keyboard
+from controller.common.modbus.io_map import IoMap, Point
 from controller.common.stop_request import Stop
 from controller.core.clock import Clock
 from controller.io.field.link import DevicesLink
 from controller.io.link import OutputsTakenError
-from controller.iomap.loader import IoMap, Point
 
 PERIOD_S: Final = 0.02
 """Period of the exchanges, s: well below the output watchdog of a module."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from controller.commissioning.axes import AXES, AXIS_OF, GROUP_OF, Change, Levels
-from controller.iomap.loader import Point
+from controller.common.modbus.io_map import Point
 
 
 class WireResult(Enum):

@@ -11,9 +11,9 @@ from controller.commissioning.texts import NOTES, REPORT, RESULTS, point_name, s
 from controller.common.document.parts import listing
 from controller.common.document.rendering import csv_text, markdown
 from controller.common.errors import InputError
+from controller.common.modbus.io_map import IoMap, Point
 from controller.core.clock import utc_text
 from controller.iomap.digest import map_digest
-from controller.iomap.loader import IoMap, Point
 from controller.program.texts.operator import Language
 
 COLUMNS = ("address", "tag", "result", "others", "note", "at_utc")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from controller.commissioning.judge import WireResult
-from controller.iomap.loader import POINT_NAMES, Point
+from controller.common.modbus.io_map import Point
+from controller.iomap.loader import POINT_NAMES
 from controller.program.texts.operator import SIDES, Language, Text
 
 PROMPTS: Final = {

@@ -21,7 +21,7 @@ from controller.commissioning.judge import (
 from controller.commissioning.report import CheckReport, note_text, result_text
 from controller.commissioning.terminal import TerminalLostError
 from controller.commissioning.texts import PROMPTS, REASONS, label, said
-from controller.iomap.loader import Point
+from controller.common.modbus.io_map import Point
 from controller.program.texts.operator import Language
 
 SETTLE_MS: Final = 500

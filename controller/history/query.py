@@ -182,6 +182,13 @@ class HistoryReader:
         """Return the newest changes of alarms, newest first; see `events` for the arguments."""
         return self._newest("alarms", last, before_id)
 
+    def newest_alarm(self) -> int | None:
+        """Return the `id` of the newest change of an alarm; 0 if there is none yet, None without a history."""
+        if not self.present:
+            return None
+        rows = self.alarms(last=1)
+        return int(str(rows[0]["id"])) if rows else 0
+
     def cycles(self, last: int = 100, before_id: int | None = None) -> list[Record]:
         """Return the newest cycles without their edges, newest first; see `events` for the arguments."""
         return [{name: row[name] for name in row if name != "edges"} for row in self._newest("cycles", last, before_id)]

@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from controller.common.capture import CaptureWriter
+from controller.common.modbus.io_map import IoMap, Point
 from controller.common.modbus.mbap import HEADER, MAX_LENGTH, MIN_LENGTH, UNCOUNTED_BYTES
 from controller.common.stop_request import StopRequest
 from controller.core.clock import Clock
-from controller.iomap.loader import IoMap, Point
 
 _log = logging.getLogger(__name__)
 

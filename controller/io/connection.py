@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Final, Protocol
 
+from controller.common.modbus.io_map import IoMap
 from controller.common.saved import Saved
 from controller.io.link import FieldLink, LinkWatchdog
-from controller.iomap.loader import IoMap
 
 REOPEN_MS: Final = 200
 """Interval between attempts to reopen a lost link, ms (assumed): with the timeouts of an attempt, a device is used

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from controller.common.modbus.io_map import IoMap
 from controller.io.field.field_file import one_device
 from controller.io.field.link import DevicesLink
-from controller.iomap.loader import IoMap
 
 
 class ModbusTcpLink(DevicesLink):

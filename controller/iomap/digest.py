@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 
 
 def map_digest(io_map: IoMap) -> str:

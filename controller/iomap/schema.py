@@ -3,7 +3,6 @@
 Only ``controller.iomap.loader`` uses this module; import from the loader instead.
 """
 
-import enum
 import re
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, cast
@@ -11,29 +10,12 @@ from typing import Annotated, Final, Literal, cast
 from pydantic import Field, ValidationInfo, field_validator
 
 from controller.common.declarations import DeclarationError, Declared
+from controller.common.modbus.io_map import ModbusTable, Polarity
 from controller.common.yaml_lines import shown
 from controller.common.yaml_model import StrictModel
 
 _LAST_NUMBER = 0o377
 """X377 and Y377 are the last addresses of the FX2N."""
-
-
-class Polarity(enum.StrEnum):
-    """Relation between the logical state of a point and its terminal level."""
-
-    NORMALLY_OPEN = "normally_open"
-    NORMALLY_CLOSED = "normally_closed"
-    ACTIVE_HIGH = "active_high"
-    ACTIVE_LOW = "active_low"
-
-
-class ModbusTable(enum.StrEnum):
-    """Modbus table of the I/O module that contains a point."""
-
-    DISCRETE_INPUT = "discrete_input"
-    COIL = "coil"
-    HOLDING_REGISTER = "holding_register"
-    INPUT_REGISTER = "input_register"
 
 
 # --- Tags ---------------------------------------------------------------------------------------

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from controller.common.modbus.io_map import IoMap, Point
 from controller.core.expr import Bit, Expr
-from controller.iomap.loader import IoMap, Point
 from controller.program.areas import Area
 
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.common.declarations import Declared
+from controller.common.modbus.io_map import IoMap
 from controller.core.devices import CLOCK_1_S, MS_100
 from controller.core.expr import Bit, Expr, Timer, Word, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.sequence import Sequence
-from controller.iomap.loader import IoMap
 from controller.program.operator.answers import Question
 from controller.program.operator.buttons import due
 from controller.program.operator.commands import ARM_OUTPUTS

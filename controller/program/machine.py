@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from controller.common.declarations import DeclarationError
 from controller.common.errors import InputError
+from controller.common.modbus.io_map import IoMap
 from controller.core.devices import WORD_MAX
 from controller.core.expr import FALSE, Word, any_of
 from controller.core.program import Block, Program, requests
 from controller.core.rungs import Out
 from controller.core.sequence import Sequence
-from controller.iomap.loader import IoMap
 from controller.program import arm, home, modes, tray
 from controller.program.alarms.arm import ArmAlarms
 from controller.program.alarms.block import alarm_block

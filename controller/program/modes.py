@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
-from controller.iomap.loader import IoMap
 from controller.program.operator.answers import answer_rungs
 from controller.program.operator.buttons import disarm_rungs, edge_rungs
 from controller.program.operator.commands import JOG_LEASE_MS

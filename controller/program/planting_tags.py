@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import Counter, Timer, Word
-from controller.iomap.loader import IoMap
 from controller.program.areas import Area
 from controller.program.inputs import Inputs
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Final, Literal, TypeVar
 
 from controller.common.declarations import Declared
+from controller.common.modbus.io_map import IoMap
 from controller.core.devices import INITIAL_PULSE
 from controller.core.expr import Bit, Counter, Expr, Timer, Word
-from controller.iomap.loader import IoMap
 from controller.program.areas import Area
 from controller.program.inputs import Inputs, System, driven
 from controller.program.operator import commands

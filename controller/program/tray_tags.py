@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import Timer, Word
-from controller.iomap.loader import IoMap
 from controller.program.areas import Area
 from controller.program.inputs import Inputs, driven
 

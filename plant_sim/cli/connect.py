@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable
 
 from controller.common.errors import InputError
+from controller.common.modbus.async_client import AsyncModbusClient, AsyncRtuClient, AsyncTcpClient
 from controller.common.modbus.rtu import SerialLine
 from plant_sim.cli.serving import add_plant_arguments, build, operate, tell
 from plant_sim.links.io_module import IoModule
@@ -15,7 +16,6 @@ from plant_sim.links.plc.mc import McPlc
 from plant_sim.links.plc.modbus import ModbusPlc
 from plant_sim.links.plc.port import PlcPort
 from plant_sim.links.plc.profile import PlcProfile, PlcProtocol, load_profile, profile_names
-from plant_sim.links.plc.transport import ModbusTransport, RtuTransport, TcpTransport
 from plant_sim.machine.parameters import Machine
 
 
@@ -99,12 +99,12 @@ def _port(options: argparse.Namespace, profile: PlcProfile, module: IoModule) ->
         if options.serial is not None:
             raise InputError(f"--serial: profile {options.profile} is for TCP; specify --host instead")
         return McPlc(profile, options.host, port, output_count=output_count, timeout_s=timeout_s)
-    transport: ModbusTransport
+    client: AsyncModbusClient
     if options.serial is not None:
-        transport = RtuTransport(SerialLine.parsed(options.serial), timeout_s=timeout_s)
+        client = AsyncRtuClient(SerialLine.parsed(options.serial), timeout_s=timeout_s)
     else:
-        transport = TcpTransport(options.host, port, unit=options.unit, timeout_s=timeout_s)
-    return ModbusPlc(profile, transport, output_count=output_count)
+        client = AsyncTcpClient(options.host, port, unit=options.unit, timeout_s=timeout_s)
+    return ModbusPlc(profile, client, output_count=output_count)
 
 
 def check(options: argparse.Namespace) -> None:

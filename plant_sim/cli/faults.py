@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KIND[:TARGET]",
-        help="inject only this fault; may be repeated",
+        help="inject only this fault, at one target or, if the side is omitted, at both arms; may be repeated",
     )
     parser.add_argument(
         "--times",

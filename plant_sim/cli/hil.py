@@ -4,29 +4,36 @@ from __future__ import annotations
 
 import argparse
 import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from controller.common.errors import InputError
 from controller.common.stop_request import INTERRUPTED
 from plant_sim.cli import connect, serve
-from plant_sim.cli.options import faults_of
-from plant_sim.cli.serving import build
+from plant_sim.cli.options import add_air_argument, add_fault_arguments, add_machine_arguments, faults_of
+from plant_sim.cli.serving import add_frequency_argument, build
 from plant_sim.hil.bench import Bench, BenchLimits
 from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, BenchRun, CaseResult, CaseVerdict
 from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.hil.report import junit, line, page, summary, write
 from plant_sim.hil.timing_picture import timing_picture
+from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.machine.parameters import Machine
-from plant_sim.twin.lock_step import Twin
+from plant_sim.twin.commissioning import set_points_of
+from plant_sim.twin.lock_step import SCAN_MS, Twin
+from plant_sim.twin.own_program import drive
 from plant_sim.twin.trial import run_trial
 
 TRAYS: Final = 60
 """Trays in the magazine, enough for all cases with the reference program."""
 MOST_MS: Final = 10_000
 """Largest limit that can be given, ms."""
+NO_LINK: Final = {"watchdog_ms": 100, "real_time_priority": None, "real_time_cpu": None}
+"""Options that have no effect on a controller in the same process."""
 ABOUT: Final = "Controller on the simulated transplanter"
 STOPPED: Final = "stopped before the last case"
 
@@ -42,6 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     connect.add_arguments(client)
     _add_judge(client)
     client.set_defaults(judge=_judge_plc)
+    own = ways.add_parser("program", help="the controller is the machine's own program, in this process")
+    add_machine_arguments(own)
+    add_frequency_argument(own)
+    add_air_argument(own)
+    add_fault_arguments(own)
+    _add_judge(own)
+    own.set_defaults(judge=_judge_program, lock_step_ms=SCAN_MS, **NO_LINK)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -97,6 +111,18 @@ def _judge_plc(options: argparse.Namespace) -> int:
     return judgement.finish()
 
 
+def _judge_program(options: argparse.Namespace) -> int:
+    judgement = _Judgement(options)
+    ended = threading.Event()
+    judgement.play(ended.set)
+    drive(
+        InProcessLink(judgement.module),
+        until=lambda: ended.is_set() or options.stop.is_set(),
+        set_points=set_points_of(judgement.machine),
+    )
+    return judgement.finish()
+
+
 class _Judgement:
     """Plant, bench and cases of one run of the command.
 
@@ -125,7 +151,11 @@ class _Judgement:
 
     def begin(self, server: PlantServer) -> None:
         """Begin the run; the server ends with it."""
-        self._bench.play(self._run.procedure(), ended=server.end)
+        self.play(server.end)
+
+    def play(self, ended: Callable[[], None]) -> None:
+        """Begin the run; `ended` is called after its end."""
+        self._bench.play(self._run.procedure(), ended=ended)
 
     def finish(self) -> int:
         """Write the reports and return the exit code."""

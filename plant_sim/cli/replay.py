@@ -8,9 +8,10 @@ from pathlib import Path
 
 from controller.common.capture import read_capture
 from controller.common.errors import InputError
+from controller.common.modbus.io_map import IoMap
 from controller.common.suggestion import suggestion
 from controller.iomap.digest import map_digest
-from controller.iomap.loader import IoMap, load_io_map
+from controller.iomap.loader import load_io_map
 from plant_sim.cli.options import (
     add_fault_arguments,
     add_machine_arguments,

@@ -52,13 +52,18 @@ def add_plant_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="permit an address to listen on that other computers can reach; Modbus has no password",
     )
-    parser.add_argument(
-        "--planting-frequency", type=float, default=None, help="cups per minute per row; 0 = tractor stationary"
-    )
+    add_frequency_argument(parser)
     add_real_time_arguments(parser)
     add_air_argument(parser)
     add_fault_arguments(parser)
     add_record_argument(parser)
+
+
+def add_frequency_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option for the planting frequency."""
+    parser.add_argument(
+        "--planting-frequency", type=float, default=None, help="cups per minute per row; 0 = tractor stationary"
+    )
 
 
 def build(options: argparse.Namespace, module_type: type[IoModule] = IoModule) -> tuple[IoModule, Machine]:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from controller.common.suggestion import suggestion
 from controller.program.tags import SIDES
-from plant_sim.faults import FAULTS, Fault, FaultError
+from plant_sim.fault_matrix.expected import FURTHER_CASES, Expectation
+from plant_sim.faults import FAULTS, Fault, FaultError, parse_fault
 from plant_sim.machine.plant import Plant
 
 SIZES: dict[str, tuple[float, ...]] = {
@@ -75,16 +76,27 @@ def subjects(plant: Plant, only: Iterable[str] = (), factors: Sequence[float] = 
 
     Args:
         plant: The machine; sensors that are not wired are omitted.
-        only: Selection as KIND or KIND:TARGET; all rows if empty.
+        only: Selection as KIND, KIND:TARGET or KIND:PART; all rows if empty.
         factors: Factors by which each size in `SIZES` is multiplied, instead of the sizes themselves. Sizes outside the
             range of the kind, those in `SIZES`, and kinds without a size are omitted.
 
     Raises:
-        FaultError: The kind is unknown or does not apply to the target.
+        FaultError: The kind is unknown or does not apply to the target, or a key of `FURTHER_CASES` is no row.
     """
+    _check_further_cases(plant)
     chosen = [_chosen(plant, text) for text in only] or [(kind, "") for kind in FAULTS]
     rows = [subject for kind, target in chosen for subject in _subjects_of(plant, kind, target, factors)]
     return list(dict.fromkeys(rows))
+
+
+def further_cases() -> dict[tuple[str, str, float | None], Expectation]:
+    """Return `FURTHER_CASES` by kind, part and size.
+
+    Raises:
+        FaultError: A key is malformed, or its size is outside the range of the kind.
+    """
+    rows = {parse_fault(text): expected for text, expected in FURTHER_CASES.items()}
+    return {(fault.kind, fault.target, fault.size): expected for fault, expected in rows.items()}
 
 
 def part_of(target: str) -> str:
@@ -97,10 +109,22 @@ def _chosen(plant: Plant, text: str) -> tuple[str, str]:
     kind, colon, target = text.partition(":")
     if kind not in FAULTS:
         raise FaultError(f"{kind}: unknown fault; {suggestion(kind, FAULTS)}")
-    known = _strikable(plant, kind)
+    targets = _strikable(plant, kind)
+    known = dict.fromkeys([*targets, *(_row_of(kind, each) for each in targets)])
     if colon and target not in known:
         raise FaultError(f"{text}: is not a wired {FAULTS[kind].target}; {suggestion(target, known)}")
     return kind, target
+
+
+def _check_further_cases(plant: Plant) -> None:
+    """Raise `FaultError` if a key of `FURTHER_CASES` has times, or a part to which its kind does not apply."""
+    for text in FURTHER_CASES:
+        if "@" in text:
+            raise FaultError(f"FURTHER_CASES: {text}: the times are random; remove them")
+    for kind, part, _ in further_cases():
+        known = {_row_of(kind, target) for target in FAULTS[kind].parts(plant)}
+        if part not in known:
+            raise FaultError(f"FURTHER_CASES: {kind}:{part}: is not a part of the matrix; {suggestion(part, known)}")
 
 
 def _strikable(plant: Plant, kind: str) -> Collection[str]:
@@ -112,10 +136,12 @@ def _strikable(plant: Plant, kind: str) -> Collection[str]:
 def _subjects_of(plant: Plant, kind: str, only: str, factors: Sequence[float]) -> list[Subject]:
     by_part: dict[str, list[str]] = {}
     for target in _strikable(plant, kind):
-        if target == only or not (only or target in plant.terminals.optional):
+        if only in {target, _row_of(kind, target)} or not (only or target in plant.terminals.optional):
             by_part.setdefault(_row_of(kind, target), []).append(target)
     sizes = _sizes(kind, factors)
-    return [Subject(kind, part, size, tuple(targets)) for part, targets in by_part.items() for size in sizes]
+    rows = [Subject(kind, part, size, tuple(targets)) for part, targets in by_part.items() for size in sizes]
+    further = [] if factors else [(part, size) for each, part, size in further_cases() if each == kind]
+    return rows + [Subject(kind, part, size, tuple(by_part[part])) for part, size in further if part in by_part]
 
 
 def _sizes(kind: str, factors: Sequence[float]) -> Sequence[float | None]:

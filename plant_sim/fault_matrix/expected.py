@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from plant_sim.fault_matrix.cases import Subject
-
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
@@ -26,12 +24,6 @@ class Expectation:
     loses: bool = False
     note: str = ""
     stops: int = 1
-
-
-def expectation(subject: Subject) -> Expectation:
-    """Return the expectation for a subject, or `NO_ROW` if its part has none."""
-    table = EXPECTED[subject.kind]
-    return table.get(subject.part) or table.get("*") or NO_ROW
 
 
 def _detected(*alarms: str) -> Expectation:
@@ -252,3 +244,6 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     },
 }
 """Expectations by kind and part; '*' matches every other part."""
+
+FURTHER_CASES: dict[str, Expectation] = {}
+"""Cases of single parts and sizes besides those of `cases.SIZES`, by KIND:PART=SIZE; see docs/adding-a-case.md."""

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from controller.events.alarm_load import MOST_IN_WINDOW
 from controller.program.tags import SIDES
-from plant_sim.fault_matrix.cases import Subject
-from plant_sim.fault_matrix.expected import expectation
+from plant_sim.fault_matrix.cases import Subject, further_cases
+from plant_sim.fault_matrix.expected import EXPECTED, NO_ROW, Expectation
 from plant_sim.fault_matrix.run import Outcome
 from plant_sim.faults import Fault
 
 COUNTS_OF_ONE_ROW = "cup counts"
 """Alarm raised for the row that has cup counts when those of the other row are missing."""
+
+
+def expectation(subject: Subject) -> Expectation:
+    """Return the expectation for a subject, or `NO_ROW` if its part has none."""
+    own = further_cases().get((subject.kind, subject.part, subject.size))
+    table = EXPECTED[subject.kind]
+    return own or table.get(subject.part) or table.get("*") or NO_ROW
 
 
 def _is_of(side: str, fault: Fault) -> bool:

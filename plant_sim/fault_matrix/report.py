@@ -10,8 +10,8 @@ from statistics import median
 
 from controller.common.document.parts import Heading, Part, listing
 from plant_sim.fault_matrix.cases import Subject
-from plant_sim.fault_matrix.expected import Expectation, expectation
-from plant_sim.fault_matrix.judge import complaints
+from plant_sim.fault_matrix.expected import Expectation
+from plant_sim.fault_matrix.judge import complaints, expectation
 from plant_sim.fault_matrix.run import Outcome
 from plant_sim.fault_matrix.table_files import bullets, counted_names, extent, write_table
 

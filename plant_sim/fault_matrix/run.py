@@ -8,7 +8,8 @@ from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.common.modbus.io_map import IoMap
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.operator.buttons import STUCK_MS
 from controller.program.states import State
 from controller.program.tags import SIDES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.plant import Plant
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from controller.common.modbus.io_map import IoMap, Point
 from controller.fx.drawing.svg import SvgPicture
-from controller.iomap.loader import IoMap, Point
 from plant_sim.hil.trace import Levels, WireTrace
 
 BEFORE_MS, AFTER_MS = 3_000, 5_000

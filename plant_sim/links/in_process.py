@@ -19,6 +19,7 @@ class InProcessLink(Saved):
     transfers images only; plant time is advanced elsewhere.
 
     Attributes:
+        module: I/O module at the other end.
         is_cut: True while the cable is disconnected; nothing is transferred, and the link cannot be opened.
     """
 
@@ -26,7 +27,7 @@ class InProcessLink(Saved):
 
     def __init__(self, module: IoModule) -> None:
         """Create a closed link to a module."""
-        self._module = module
+        self.module = module
         self._is_open = False
         self.is_cut = False
 
@@ -47,7 +48,7 @@ class InProcessLink(Saved):
             LinkDown: The link is not open.
         """
         self._require_open()
-        return self._module.inputs()
+        return self.module.inputs()
 
     def write_outputs(self, image: Sequence[bool]) -> None:
         """Write the raw Y image.
@@ -59,12 +60,12 @@ class InProcessLink(Saved):
             LinkDown: The link is not open, or the watchdog of the module has tripped.
             ValueError: The image has the wrong length.
         """
-        expected = self._module.io_map.output_count
+        expected = self.module.io_map.output_count
         if len(image) != expected:
             raise ValueError(f"Y image has {len(image)} levels; the I/O map has {expected}")
         self._require_open()
         try:
-            self._module.write_outputs(0, image)
+            self.module.write_outputs(0, image)
         except ModuleFault as fault:
             self.close()
             raise LinkDown(f"field I/O in process: {fault}") from fault
@@ -79,11 +80,11 @@ class InProcessLink(Saved):
             LinkDown: The link is not open, or the watchdog of the module has tripped.
             ValueError: The number of values is wrong.
         """
-        numbers = [register.number for register in self._module.io_map.registers]
+        numbers = [register.number for register in self.module.io_map.registers]
         written = dict(zip(numbers, values, strict=True))
         self._require_open()
         try:
-            self._module.write_registers(written)
+            self.module.write_registers(written)
         except ModuleFault as fault:
             self.close()
             raise LinkDown(f"field I/O in process: {fault}") from fault

@@ -9,8 +9,8 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Mapping, Sequence
 
+from controller.common.modbus.io_map import IoMap
 from controller.common.saved import Saved
-from controller.iomap.loader import IoMap
 from plant_sim.links.output_lease import OutputLease
 from plant_sim.links.write_timing import LinkTiming
 from plant_sim.machine.plant import Plant

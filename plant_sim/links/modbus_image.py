@@ -16,9 +16,10 @@ from typing import TypeVar
 
 from pymodbus.constants import ExcCodes
 
+from controller.common.modbus.io_map import IoMap
 from controller.common.modbus.output_owner import REPORT_OFFSET
 from controller.common.modbus.requests import ModbusDevice, RequestRefusedError
-from controller.iomap.loader import IoMap, IoMapError
+from controller.iomap.loader import IoMapError
 from plant_sim.links.box import BOX_COILS, BoxCoil
 from plant_sim.links.io_module import IoModule, ModuleFault
 from plant_sim.links.output_lease import LeaseError

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from controller.common.modbus.io_map import IoMap
 from controller.common.saved import Saved
-from controller.iomap.loader import IoMap
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.incident import Incident
 from plant_sim.crop.mechanics import Mechanics

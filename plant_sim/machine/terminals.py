@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from plant_sim.devices.operator_box import OperatorBox
 from plant_sim.devices.sensor import Sensor
 from plant_sim.machine.kernel import SENSORS, read_sensors

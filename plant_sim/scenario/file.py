@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from controller.common.modbus.io_map import IoMap
 from controller.common.suggestion import suggestion
 from controller.common.yaml_section import Section, one_of, read_section, whole
 from controller.core.expr import Word
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import Transplanter, build
 from controller.program.states import State
 from plant_sim.common.parameter_file import Value

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.devices import ANNUNCIATORS
 from controller.core.expr import Bit
-from controller.iomap.loader import IoMap
 from controller.program.states import State
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.faults import Fault, FaultError

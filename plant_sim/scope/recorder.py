@@ -13,7 +13,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import pyarrow as pa
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from plant_sim.machine.kernel import MACHINE
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.engines import Progress, spread

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.engines import ProcessEngine, Progress
 from plant_sim.study.errors import StudyError

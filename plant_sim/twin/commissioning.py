@@ -10,7 +10,8 @@ from typing import Final
 import yaml
 
 from controller.common.errors import InputError
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.common.modbus.io_map import IoMap
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import Transplanter, build
 from controller.program.requirements.travel_times import MachineData, TravelTimes, misfits
 from controller.program.set_points import SetPoints

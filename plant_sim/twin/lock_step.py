@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.clock import SimulatedClock
 from controller.core.expr import Bit, Expr, any_of
 from controller.core.machine_code import MachineExecution
@@ -17,7 +18,6 @@ from controller.events.kinds import AlarmEvent, CycleEvent, Event
 from controller.events.production import ProductionLog
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
-from controller.iomap.loader import IoMap
 from controller.program.machine import Transplanter
 from controller.program.states import State
 from plant_sim.faults import Fault

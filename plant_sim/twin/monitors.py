@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import NamedTuple, Protocol
 
+from controller.common.modbus.io_map import Point
 from controller.core.expr import Bit, Expr, all_of, any_of
-from controller.iomap.loader import Point
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
 from controller.program.tags import SIDES
 from plant_sim.machine.parameters import Machine

@@ -8,9 +8,10 @@ from dataclasses import fields
 from types import TracebackType
 from typing import Self
 
-from pymodbus.client import ModbusTcpClient
-from pymodbus.exceptions import ModbusException
-
+from controller.common.modbus.client_requests import ModbusRequest, read, unpacked, write_coil
+from controller.common.modbus.io_map import ModbusTable
+from controller.io.field.line import Exchange, exchange_all
+from controller.io.field.tcp_line import TcpBus
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.links.box import BOX_COILS
 from plant_sim.links.telemetry import TELEMETRY_REGISTERS, read_telemetry
@@ -18,6 +19,8 @@ from plant_sim.links.telemetry import TELEMETRY_REGISTERS, read_telemetry
 PRESS_MS = 200
 POLL_S = 0.005
 STANDSTILL_LIMIT_S = 60.0
+TIMEOUT_S = 2.0
+UNIT = 1
 SEEDLING_PLACES = tuple(field.name for field in fields(SeedlingCounts))
 
 
@@ -28,18 +31,20 @@ class Operator:
     """
 
     def __init__(self, host: str, port: int) -> None:
-        self._address = f"{host}:{port}"
-        self._client = ModbusTcpClient(host, port=port, timeout=2.0, retries=0)
+        self._line = TcpBus(host, port)
 
     def __enter__(self) -> Self:
-        if not self._client.connect():  # type: ignore[no-untyped-call]
-            raise ConnectionError(f"plant at {self._address} does not respond")
+        try:
+            self._line.begin()
+            self._line.finish(time.perf_counter() + TIMEOUT_S)
+        except OSError as error:
+            raise ConnectionError(f"plant at {self._line.address} does not respond") from error
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._client.close()  # type: ignore[no-untyped-call]
+        self._line.close()
 
     def press(self, button: str, for_ms: int = PRESS_MS) -> None:
         """Press and release a button, then wait for the same time, so that two presses remain distinct.
@@ -56,29 +61,27 @@ class Operator:
     def hold(self, button: str, *, pressed: bool) -> None:
         """Press or release a button."""
         offset = next(coil.offset for coil in BOX_COILS if coil.button == button)
-        try:
-            reply = self._client.write_coil(offset, pressed)
-        except ModbusException as error:
-            raise ConnectionError(f"plant at {self._address}: {error}") from error
-        if reply.isError():
-            raise ConnectionError(f"plant at {self._address} refused the button {button}")
+        self._data(write_coil(offset, pressed))
 
     def telemetry(self) -> dict[str, float]:
         """Read the plant's telemetry."""
-        try:
-            reply = self._client.read_input_registers(0, count=TELEMETRY_REGISTERS)
-        except ModbusException as error:
-            raise ConnectionError(f"plant at {self._address}: {error}") from error
-        if reply.isError():
-            raise ConnectionError(f"plant at {self._address} refused telemetry")
-        return read_telemetry(reply.registers)
+        request = read(ModbusTable.INPUT_REGISTER, 0, TELEMETRY_REGISTERS, "registers of telemetry")
+        return read_telemetry(unpacked(self._data(request)))
+
+    def _data(self, request: ModbusRequest) -> bytes:
+        """Return the data of the answer to a request."""
+        exchange = Exchange(self._line, UNIT, TIMEOUT_S, request)
+        exchange_all([exchange])
+        if exchange.data is None:
+            raise ConnectionError(f"plant at {self._line.address}: {request.operation}: {exchange.error}")
+        return exchange.data
 
     def _wait(self, for_ms: int) -> None:
         until_ms = self.telemetry()["time_ms"] + for_ms
         deadline_s = time.perf_counter() + STANDSTILL_LIMIT_S
         while self.telemetry()["time_ms"] < until_ms:
             if time.perf_counter() > deadline_s:
-                raise TimeoutError(f"plant at {self._address}: plant time does not advance")
+                raise TimeoutError(f"plant at {self._line.address}: plant time does not advance")
             threading.Event().wait(POLL_S)
 
 

@@ -8,7 +8,7 @@ from itertools import zip_longest
 from typing import Final
 
 from controller.common.capture import Capture, CaptureEntry
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from plant_sim.machine.plant import Plant
 from plant_sim.machine.terminals import BUTTONS
 

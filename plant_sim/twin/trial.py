@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
+from controller.common.modbus.io_map import IoMap
 from controller.events.kinds import as_record
-from controller.iomap.loader import IoMap
 from controller.program.states import State
 from controller.program.texts.operator import STATES, Language
 from plant_sim.crop.seedling import TRAY_CELLS

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import shutil
@@ -13,6 +12,7 @@ from typing import Final
 
 import pytest
 
+from tests.guides import apply, blocks, run
 from tests.machine_code import give_machine_code
 from tests.paths import DOCS, ROOT
 
@@ -46,47 +46,6 @@ ALL_TESTS: Final = (
 )
 
 
-def blocks(language: str, text: str = GUIDE) -> list[str]:
-    """Return the fenced blocks of one language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-
-
-def apply(block: str, root: Path) -> str:
-    """Apply one diff block to a source tree; return the name of the changed file.
-
-    Raises:
-        AssertionError: The lines to be changed are missing from the file or occur more than once.
-    """
-    heading, _, places = block.partition("\n")
-    name = heading.removeprefix("+++ ")
-    path = root / name
-    text = path.read_text(encoding="utf-8")
-    for place in places.split("@@\n"):
-        lines = place.splitlines(keepends=True)
-        before = "".join(line[1:] for line in lines if line[0] in " -")
-        after = "".join(line[1:] for line in lines if line[0] in " +")
-        assert text.count(before) == 1, f"{name}: lines not found exactly once:\n{before}"
-        text = text.replace(before, after)
-    path.write_text(text, encoding="utf-8")
-    return name
-
-
-def run(root: Path, *arguments: str, timeout_s: float, code: int = 0) -> str:
-    """Run Python in a source tree and return its output; on another exit code, fail the test with that output."""
-    environment = {**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(root.with_name("machine-code"))}
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        cwd=root,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=timeout_s,
-        check=False,
-    )
-    assert done.returncode == code, f"{shlex.join(arguments)}:\n{done.stdout[-6_000:]}{done.stderr[-2_000:]}"
-    return done.stdout
-
-
 @pytest.fixture(scope="module")
 def edited(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a copy of the tracked files with the guide's edits, the guide's scenario and regenerated tables."""
@@ -104,9 +63,9 @@ def edited(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for part in GUIDE.split("\n## "):
         files = {apply(block, root) for block in blocks("diff", part)}
         assert len([name for name in files if not name.startswith("docs/")]) <= SOURCE_FILES, sorted(files)
-    for name, scenario in zip(SCENARIOS, blocks("python"), strict=True):
+    for name, scenario in zip(SCENARIOS, blocks("python", GUIDE), strict=True):
         (root / name).write_text(f'"""Scenario of the guide."""\n\n{scenario}', encoding="utf-8")
-    _, commands = blocks("sh")
+    _, commands = blocks("sh", GUIDE)
     for command in commands.splitlines():
         program, *arguments = shlex.split(command)
         if program == ".venv/bin/python":
@@ -125,7 +84,7 @@ def test_the_edits_of_the_guide_pass_the_tests(edited: Path) -> None:
 
 def test_the_added_output_is_proved_and_its_missing_rule_is_found(edited: Path) -> None:
     """Without the rule, the proof ends with a trace in which the added output is on in an emergency stop."""
-    commands, _ = blocks("sh")
+    commands, _ = blocks("sh", GUIDE)
     proved, violated = (shlex.split(command)[1:] for command in commands.splitlines())
     assert "proved:" in run(edited, *proved, timeout_s=120)
     trace = run(edited, *violated, timeout_s=120, code=1)

@@ -59,11 +59,12 @@ NOT_RUN_COUNT: Final = 7
 RUN_ELSEWHERE: Final = re.compile(
     r"scripts/test\b|\.venv/bin/python -m controller (prove$|capture record|run --real-time-priority)"
     r"|scripts/bench\b|\.venv/bin/python -m controller prove .*(tray moves while clamped|other outputs)"
+    r"|\.venv/bin/python -m plant_sim (hil program|faults --fault slow_valve:lift )"
 )
 """Commands that are covered elsewhere: `scripts/test` runs this test, test_scenario_guide.py runs the checks of the
 scenario guide, test_prove.py runs the complete proof, test_capture.py the proxy, test_real_time.py the priority, which
-a system may refuse, test_parts.py every part of the benchmark, and test_adding_a_device.py the proof of the added
-output."""
+a system may refuse, test_parts.py every part of the benchmark, test_adding_a_device.py the proof of the added output,
+test_adding_a_case.py the added row and the added cases, and test_hil_command.py the bench of the program."""
 PAPERS: Final = {
     f".venv/bin/python -m {command}"
     for paper in get_args(PaperName)
@@ -289,7 +290,7 @@ def exported_program(folder: Path) -> None:
     (folder / "fx2n" / "transplanter.csv").rename(folder / "my.csv")
 
 
-def story_of_the_page(folder: Path) -> None:
+def story_of_the_faults(folder: Path) -> None:
     page = (DOCS / "faults.md").read_text(encoding="utf-8")
     (story,) = re.findall(r"^```yaml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     (folder / "my-story.yaml").write_text(story, encoding="utf-8")
@@ -304,7 +305,8 @@ def ground_of_the_page(folder: Path) -> None:
 PREPARED: Final[Mapping[str, Callable[[Path], None]]] = {
     "docs/history.md": recorded_history,
     "docs/ladder.md": exported_program,
-    "docs/faults.md": story_of_the_page,
+    "docs/adding-a-case.md": story_of_the_faults,
+    "docs/faults.md": story_of_the_faults,
     "docs/line.md": ground_of_the_page,
 }
 

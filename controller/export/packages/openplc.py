@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from controller.common.modbus.io_map import IoMap, OutputRegister, Point
 from controller.core.devices import ANNUNCIATORS
 from controller.core.program import Program
 from controller.export.packages.iec import (
@@ -43,7 +44,6 @@ from controller.export.runtime_parts.openplc_clock import FAULTS, OpenPlcClock
 from controller.export.runtime_parts.scan_clock import ScanClock
 from controller.export.structured_text import structured_text
 from controller.export.structured_text_variables import Variables
-from controller.iomap.loader import IoMap, OutputRegister, Point
 
 BUFFER: Final = 1024
 """Entries of every buffer of the runtime: bytes of %IX and %QX, words of %IW, %QW and %MW."""

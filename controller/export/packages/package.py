@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Final, Literal
 
 from controller.common.errors import InputError
+from controller.common.modbus.io_map import IoMap
 from controller.core.program import Program
 from controller.export.instruction_list import PulseTrain
-from controller.iomap.loader import IoMap
 
 Io = Literal["modbus", "terminals"]
 

@@ -1,1 +1,1 @@
-"""Access of communication partners to the devices of a PLC, independent of the protocol."""
+"""Access of communication partners to the machine's program, with the server and the list of its tags."""

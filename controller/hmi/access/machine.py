@@ -15,7 +15,7 @@ from controller.common.mitsubishi.devices import Device
 from controller.core.expr import Word
 from controller.events.alarm_list import AlarmList, AlarmRefusalError
 from controller.hmi.access import status_registers as status
-from controller.hmi.access.devices import (
+from controller.hmi.serving.devices import (
     BIT_KINDS,
     AccessRefusal,
     AccessRefusedError,
@@ -24,7 +24,7 @@ from controller.hmi.access.devices import (
     word_index,
     words_of_counters,
 )
-from controller.hmi.access.snapshot import Snapshot, Snapshots
+from controller.hmi.serving.snapshot import Snapshot, Snapshots
 from controller.io.forcing import ForcingError
 from controller.io.pace import PaceError
 from controller.io.runtime import Runtime

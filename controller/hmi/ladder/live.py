@@ -16,7 +16,7 @@ from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
 from controller.common.stop_request import Stop
 from controller.core.devices import RUN_MONITOR, SIZES
 from controller.fx.engine.plc import FxPlc
-from controller.hmi.access.devices import (
+from controller.hmi.serving.devices import (
     AccessRefusal,
     AccessRefusedError,
     check_bits,
@@ -24,7 +24,7 @@ from controller.hmi.access.devices import (
     word_index,
     words_of_counters,
 )
-from controller.hmi.access.snapshot import Snapshot, snapshot_of
+from controller.hmi.serving.snapshot import Snapshot, snapshot_of
 from controller.io.pace import Pace
 
 _SIGN_16: Final = 0x8000

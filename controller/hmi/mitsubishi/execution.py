@@ -28,7 +28,7 @@ from controller.common.mitsubishi.requests import (
     has_two_words,
     words_of_bits,
 )
-from controller.hmi.access.devices import AccessRefusal, AccessRefusedError, DeviceAccess
+from controller.hmi.serving.devices import AccessRefusal, AccessRefusedError, DeviceAccess
 
 _SPECIAL_DEVICES: Final = {"SM": "M", "SD": "D"}
 _FIRST_SPECIAL: Final = 8000

@@ -13,8 +13,8 @@ from controller.common.mitsubishi import commands_3e, mc1e
 from controller.common.mitsubishi.mc1e import Abnormal1EError, Frame1E
 from controller.common.mitsubishi.mc3e import Frame3E
 from controller.common.mitsubishi.requests import FrameError, RequestError, TypeName
-from controller.hmi.access.devices import AccessRefusal, AccessRefusedError, AccessSource, DeviceAccess
 from controller.hmi.mitsubishi.execution import execute
+from controller.hmi.serving.devices import AccessRefusal, AccessRefusedError, AccessSource, DeviceAccess
 from controller.hmi.serving.endpoints import EndpointNames, TcpEndpoint, TcpSettings
 
 FrameName = Literal["1e", "3e"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, Final
 
 from controller.common.serial_server import SerialServer, open_port
-from controller.hmi.access.devices import AccessSource
 from controller.hmi.mitsubishi.port_session import PortSession
+from controller.hmi.serving.devices import AccessSource
 from controller.hmi.serving.endpoints import SerialEndpoint
 
 BAUD: Final = 9_600

@@ -29,7 +29,7 @@ from controller.common.mitsubishi.fx_port import (
 )
 from controller.common.mitsubishi.fx_port_map import Region, bit_device, region_of
 from controller.common.mitsubishi.requests import FrameError
-from controller.hmi.access.devices import AccessRefusal, AccessRefusedError, DeviceAccess
+from controller.hmi.serving.devices import AccessRefusal, AccessRefusedError, DeviceAccess
 
 _MODEL: Final = 24_100
 """FX2N (24) of version 1.00, in D8001 and D8101."""

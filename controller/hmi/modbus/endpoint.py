@@ -9,8 +9,8 @@ from typing import Final
 
 from controller.common.modbus.mbap import MbapSession
 from controller.common.modbus.rtu import RtuServer, SerialLine
-from controller.hmi.access.devices import AccessSource
 from controller.hmi.modbus.session import HmiSession
+from controller.hmi.serving.devices import AccessSource
 from controller.hmi.serving.endpoints import EndpointNames, SerialEndpoint, ServerError, TcpEndpoint, TcpSettings
 
 DEFAULT_PORT: Final = 5021

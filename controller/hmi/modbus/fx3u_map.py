@@ -2,7 +2,7 @@
 
 An FX2N has no Modbus slave, but commercial panels support the map of its successor (fx2n.md 3.1: bit devices, D, D8000,
 TN and CN are documented in the manual; that counters from C200 have two words is general knowledge and fits
-the addresses). The R area, which an FX2N lacks, contains the status registers of the controller (`status_registers`).
+the addresses). An FX2N has no R registers; the R area is for registers that a program is served with.
 """
 
 from __future__ import annotations
@@ -58,16 +58,12 @@ def bit_spans(table: Table) -> tuple[Span, ...]:
     return tuple(spans)
 
 
-def register_spans(status_words: int) -> tuple[Span, ...]:
-    """Return the register spans; holding and input registers are identical.
-
-    Args:
-        status_words: Length of the R area, words.
-    """
+def register_spans() -> tuple[Span, ...]:
+    """Return the register spans; holding and input registers are identical."""
     counters_32_bit = SIZES["C"] - _16_BIT_COUNTERS
     return (
         Span(_REGISTERS["D"], "D", 0, SIZES["D"]),
-        Span(_REGISTERS["R"], "R", 0, status_words),
+        Span(_REGISTERS["R"], "R", 0, _REGISTERS["TN"] - _REGISTERS["R"]),
         Span(_REGISTERS["TN"], "TN", 0, SIZES["T"]),
         Span(_REGISTERS["CN"], "CN", 0, _16_BIT_COUNTERS + 2 * counters_32_bit),
     )

@@ -13,9 +13,8 @@ from pymodbus.constants import ExcCodes
 
 from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
 from controller.common.modbus.requests import ModbusDevice, RequestRefusedError
-from controller.hmi.access.devices import AccessRefusal, AccessRefusedError, DeviceAccess
-from controller.hmi.access.status_registers import STATUS_WORDS
 from controller.hmi.modbus.fx3u_map import Span, Table, bit_spans, register_spans
+from controller.hmi.serving.devices import AccessRefusal, AccessRefusedError, DeviceAccess
 
 _EXCEPTIONS: Final = {
     AccessRefusal.NOT_READY: ExcCodes.DEVICE_BUSY,
@@ -27,7 +26,7 @@ _EXCEPTIONS: Final = {
 _SPANS: Final[Mapping[Table, tuple[Span, ...]]] = {
     "coil": bit_spans("coil"),
     "discrete": bit_spans("discrete"),
-    "holding": register_spans(STATUS_WORDS),
+    "holding": register_spans(),
 }
 _NOWHERE: Final = Device("X", -1)
 """Device of an address at which there is none; it cannot be read or written."""

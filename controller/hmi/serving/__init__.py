@@ -1,1 +1,1 @@
-"""Servers for communication partners: one thread with several TCP ports and serial lines."""
+"""Access of communication partners to the devices of a PLC, and one thread with TCP ports and serial lines for it."""

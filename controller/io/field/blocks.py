@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from controller.io.field.field_file import place_of
-from controller.io.field.requests import (
+from controller.common.modbus.client_requests import (
     WORD_TABLES,
     ModbusRequest,
     read,
@@ -14,8 +13,9 @@ from controller.io.field.requests import (
     write_coils,
     write_registers,
 )
+from controller.common.modbus.io_map import ModbusTable
+from controller.io.field.field_file import place_of
 from controller.io.field.schema import ModuleTraits
-from controller.iomap.loader import ModbusTable
 
 _BITS_A_WORD = 16
 

@@ -6,11 +6,7 @@ import random
 from collections.abc import Callable, Generator, Sequence
 from typing import Final
 
-from controller.common.modbus.output_owner import REPORT_OFFSET, REPORT_WORDS, OwnerReport
-from controller.io.field.blocks import blocks_of, register_runs
-from controller.io.field.field_file import DevicePlan
-from controller.io.field.line import BusLine, Exchange
-from controller.io.field.requests import (
+from controller.common.modbus.client_requests import (
     ModbusRequest,
     echo,
     read,
@@ -20,9 +16,13 @@ from controller.io.field.requests import (
     write_register,
     write_registers,
 )
+from controller.common.modbus.io_map import ModbusTable
+from controller.common.modbus.output_owner import REPORT_OFFSET, REPORT_WORDS, OwnerReport
+from controller.io.field.blocks import blocks_of, register_runs
+from controller.io.field.field_file import DevicePlan
+from controller.io.field.line import BusLine, Exchange
 from controller.io.field.schema import TripEntry, WriteEntry
 from controller.io.link import LinkError
-from controller.iomap.loader import ModbusTable
 
 DEVICE_BUSY: Final = 6
 """Exception code with which a module that lends its outputs refuses the write of another client."""

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Final
 
 from controller.common.errors import InputError
+from controller.common.modbus.client_requests import WORD_TABLES
+from controller.common.modbus.io_map import IoMap, ModbusTable, OutputRegister, Point
 from controller.common.modbus.rtu import SerialLine
 from controller.common.suggestion import suggestion
 from controller.common.yaml_lines import KeyPath, LocatedMapping, read_yaml, unfold
 from controller.common.yaml_model import validated
 from controller.io.field.profiles import profiles
-from controller.io.field.requests import WORD_TABLES
 from controller.io.field.schema import DeviceEntry, FieldEntry, LineEntry, ModuleTraits, TcpEntry, TlsEntry
-from controller.iomap.loader import IoMap, ModbusTable, OutputRegister, Point
 
 _DEPTH: Final = 6
 _POINTS_A_REGISTER: Final = 16

@@ -10,7 +10,7 @@ from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from controller.io.field.requests import AnswerError, ExceptionReplyError, ModbusRequest
+from controller.common.modbus.client_requests import AnswerError, ExceptionReplyError, ModbusRequest
 from controller.io.link import LinkError
 
 T = TypeVar("T")

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 
 from controller.common.errors import InputError
+from controller.common.modbus.io_map import IoMap
 from controller.io.field.device import DEVICE_BUSY, FieldDevice
 from controller.io.field.field_file import FieldPlan, LineSettings
 from controller.io.field.line import BusLine, Exchange, complete, complete_all, exchange_all
@@ -18,7 +19,6 @@ from controller.io.field.schema import TcpEntry, TlsEntry
 from controller.io.field.serial_bus import RtuBus
 from controller.io.field.tcp_line import TcpBus
 from controller.io.link import LinkError, OutputsTakenError
-from controller.iomap.loader import IoMap
 
 
 class DevicesLink:

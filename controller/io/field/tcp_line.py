@@ -1,8 +1,7 @@
 """Modbus TCP connection to one or more units, plain or with TLS.
 
-Every request has another transaction number, and a failed exchange closes the connection, so that a late answer is
-never taken as the answer to a later request. Source: Modbus Messaging on TCP/IP Implementation Guide V1.0b, section 3;
-Modbus/TCP Security Protocol Specification V36.
+A failed exchange closes the connection (`TcpFrames` tells why). Source: Modbus Messaging on TCP/IP Implementation Guide
+V1.0b, section 3; Modbus/TCP Security Protocol Specification V36.
 """
 
 from __future__ import annotations
@@ -15,9 +14,9 @@ import ssl
 import time
 from typing import Any, Final
 
-from controller.common.modbus.mbap import HEADER, MAX_LENGTH, MIN_LENGTH, UNCOUNTED_BYTES
+from controller.common.modbus.client import TcpFrames
+from controller.common.modbus.client_requests import ModbusRequest
 from controller.io.field.line import BusLine
-from controller.io.field.requests import ModbusRequest
 
 _RECEIVE_BYTES: Final = 4_096
 _HANDSHAKE_S: Final = 3.0
@@ -43,10 +42,7 @@ class TcpBus(BusLine):
         self._connecting: socket.socket | None = None
         self._address: Any = None
         self._give_up_s = 0.0
-        self._transaction = 0
-        self._unit = 0
-        self._request: ModbusRequest | None = None
-        self._buffer = bytearray()
+        self._frames = TcpFrames()
 
     @property
     def is_open(self) -> bool:
@@ -91,29 +87,15 @@ class TcpBus(BusLine):
 
     def send(self, unit: int, request: ModbusRequest) -> None:
         """Send a request with the next transaction number."""
-        self._transaction = (self._transaction + 1) & 0xFFFF
-        self._unit, self._request = unit, request
-        frame = HEADER.pack(self._transaction, 0, len(request.pdu) + 1, unit) + request.pdu
+        frame = self._frames.request(unit, request.pdu)
         # a frame of at most 260 bytes fits unless the other side reads nothing
         if self._connected().send(frame) != len(frame):
             raise OSError(errno.EAGAIN, "the device does not accept data")
 
     def receive(self) -> bytes | None:
-        """Return the answer with the number of the last request; other frames are discarded."""
+        """Return the answer to the last request."""
         self._fill()
-        buffer = self._buffer
-        while len(buffer) >= HEADER.size:
-            transaction, protocol, length, unit = HEADER.unpack_from(buffer)
-            if protocol != 0 or not MIN_LENGTH <= length <= MAX_LENGTH:
-                return None  # the frames that follow cannot be found: the exchange fails
-            end = UNCOUNTED_BYTES + length
-            if len(buffer) < end:
-                return None
-            pdu = bytes(buffer[HEADER.size : end])
-            del buffer[:end]
-            if (transaction, unit) == (self._transaction, self._unit):
-                return pdu
-        return None
+        return self._frames.answer()
 
     def fail(self) -> None:
         """Close the connection."""
@@ -125,7 +107,7 @@ class TcpBus(BusLine):
             if each is not None:
                 each.close()
         self.socket = self._connecting = None
-        self._buffer.clear()
+        self._frames.discard()
 
     def _connected(self) -> socket.socket:
         if self.socket is None:
@@ -172,6 +154,6 @@ class TcpBus(BusLine):
                 return
             if not data:
                 raise ConnectionResetError
-            self._buffer += data
+            self._frames.feed(data)
             if len(data) < _RECEIVE_BYTES and self._context is None:
                 return

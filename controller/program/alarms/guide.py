@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from controller.program.alarms.table import Alarm
 from controller.program.tags import SIDES
 from controller.program.texts.alarms.causes import CAUSES

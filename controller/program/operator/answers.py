@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from enum import IntEnum, auto
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import TRUE, Bit, Expr, all_of, any_of
 from controller.core.rungs import Mov, Rung, Set
-from controller.iomap.loader import IoMap
 from controller.program.operator.buttons import release_rungs, released
 from controller.program.states import HOMED_FROM, State
 from controller.program.tags import IN_PLACE, Tags

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import FALSE, TRUE, Bit, Expr, Word
 from controller.core.program import Block
 from controller.core.rungs import Add, Out, Rst, Rung, Subtract
-from controller.iomap.loader import IoMap
 from controller.program.areas import Area
 from controller.program.inputs import driven
 from controller.program.requirements.travel_times import TravelTimes

@@ -9,7 +9,7 @@ from controller.common.mitsubishi.client import AsyncMcClient, ClientFrame
 from controller.common.mitsubishi.devices import KINDS, Device
 from controller.common.mitsubishi.mc1e import Frame1E
 from controller.common.mitsubishi.mc3e import Frame3E
-from plant_sim.links.plc.bits import levels_of, packed_words
+from controller.common.modbus.bits import levels_of, packed_words
 from plant_sim.links.plc.port import PlcError
 from plant_sim.links.plc.profile import PlcProfile, PlcProtocol
 

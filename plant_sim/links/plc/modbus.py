@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from typing import Final
 
-from plant_sim.links.plc.bits import levels_of, packed_bytes, packed_words
+from controller.common.modbus.async_client import AsyncModbusClient, ModbusClientError
+from controller.common.modbus.bits import levels_of, packed_bytes, packed_words
+from controller.common.modbus.client_requests import (
+    READ_WRITE_REGISTERS,
+    WORD_TABLES,
+    WRITE_COILS,
+    WRITE_REGISTERS,
+    AnswerError,
+    ExceptionReplyError,
+    ModbusRequest,
+    read,
+    unpacked,
+    write_and_read,
+    write_coils,
+    write_registers,
+)
+from controller.common.modbus.io_map import ModbusTable
 from plant_sim.links.plc.port import PlcError
-from plant_sim.links.plc.profile import ModbusArea, PlcBlock, PlcProfile
-from plant_sim.links.plc.transport import EXCEPTION, ModbusTransport
+from plant_sim.links.plc.profile import PlcBlock, PlcProfile
 
-_READ: Final[dict[ModbusArea | None, int]] = {
-    ModbusArea.COIL: 1,
-    ModbusArea.DISCRETE_INPUT: 2,
-    ModbusArea.HOLDING_REGISTER: 3,
-    ModbusArea.INPUT_REGISTER: 4,
-}
-_WRITE_COILS: Final = 15
-_WRITE_REGISTERS: Final = 16
-_WRITE_AND_READ: Final = 23
 _EXCEPTIONS: Final = {
     1: "function not supported",
     2: "no such address",
@@ -37,16 +42,22 @@ class ModbusPlc:
         address: Address for messages.
     """
 
-    def __init__(self, profile: PlcProfile, transport: ModbusTransport, *, output_count: int) -> None:
+    def __init__(self, profile: PlcProfile, client: AsyncModbusClient, *, output_count: int) -> None:
         """Create a client that is not connected.
 
         Args:
             profile: Place of inputs and outputs.
-            transport: Closed line to the PLC.
+            client: Closed client of the PLC.
             output_count: Number of outputs, from Y0.
+
+        Raises:
+            ValueError: The profile is for the MC protocol.
         """
-        self.address = transport.address
-        self._profile, self._transport, self._output_count = profile, transport, output_count
+        if profile.outputs.area is None:
+            raise ValueError(f"{profile.title}: is no profile for Modbus")
+        self._output_table = profile.outputs.area
+        self.address = client.address
+        self._profile, self._client, self._output_count = profile, client, output_count
 
     async def open(self) -> None:
         """Connect.
@@ -54,11 +65,14 @@ class ModbusPlc:
         Raises:
             PlcError: The PLC is not reachable.
         """
-        await self._transport.open()
+        try:
+            await self._client.open()
+        except ModbusClientError as error:
+            raise PlcError(str(error)) from error
 
     def close(self) -> None:
         """Disconnect; no effect if closed."""
-        self._transport.close()
+        self._client.close()
 
     async def exchange(self, inputs: Sequence[bool]) -> list[bool]:
         """Write the input block, then read the outputs.
@@ -73,47 +87,38 @@ class ModbusPlc:
             PlcError: An answer is missing, wrong or an exception.
         """
         outputs, block = self._profile.outputs, self._profile.inputs
-        if self._profile.function_23:
-            count, words = outputs.length(self._output_count), packed_words(inputs)
-            pdu = struct.pack(">HHHHB", outputs.first, count, block.first, len(words), 2 * len(words))
-            return self._levels(await self._ask(_WRITE_AND_READ, pdu + struct.pack(f">{len(words)}H", *words)), outputs)
-        if block.area is ModbusArea.HOLDING_REGISTER:
-            words = packed_words(inputs)
-            head = struct.pack(">HH", block.first, len(words))
-            await self._write(_WRITE_REGISTERS, head, struct.pack(f">{len(words)}H", *words))
-        else:
-            await self._write(_WRITE_COILS, struct.pack(">HH", block.first, len(inputs)), packed_bytes(inputs))
         count = outputs.length(self._output_count)
-        return self._levels(await self._ask(_READ[outputs.area], struct.pack(">HH", outputs.first, count)), outputs)
+        if self._profile.function_23:
+            request = write_and_read(block.first, packed_words(inputs), outputs.first, count)
+            return self._levels(await self._data(request), outputs)
+        if block.area is ModbusTable.HOLDING_REGISTER:
+            await self._data(write_registers(block.first, packed_words(inputs)))
+        else:
+            bits = int.from_bytes(packed_bytes(inputs), "little")
+            await self._data(write_coils(block.first, len(inputs), bits, "inputs"))
+        return self._levels(await self._data(read(self._output_table, outputs.first, count, "outputs")), outputs)
 
-    async def _write(self, function: int, head: bytes, data: bytes) -> None:
-        answer = await self._ask(function, head + bytes([len(data)]) + data)
-        if answer != head:
-            raise PlcError(f"answer to function {function} confirms another address or count")
-
-    async def _ask(self, function: int, body: bytes) -> bytes:
+    async def _data(self, request: ModbusRequest) -> bytes:
         """Send a request and return the data of the answer."""
-        answer = await self._transport.request(bytes([function]) + body)
-        if answer[0] == function | EXCEPTION and len(answer) == 2:
-            place = " and ".join(f"{b.device} ({b.area} {b.first})" for b in self._blocks(function))
-            meaning = _EXCEPTIONS.get(answer[1], "see the manual of the PLC")
-            raise PlcError(f"exception {answer[1]} ({meaning}) to function {function} at {place}; check the profile")
-        if answer[0] != function:
-            raise PlcError(f"answer has function {answer[0]} instead of {function}")
-        return answer[1:]
+        try:
+            return request.data(await self._client.request(request.pdu))
+        except ExceptionReplyError as error:
+            place = " and ".join(f"{b.device} ({b.area} {b.first})" for b in self._blocks(request.function))
+            meaning = _EXCEPTIONS.get(error.code, "see the manual of the PLC")
+            raise PlcError(
+                f"exception {error.code} ({meaning}) to function {request.function} at {place}; check the profile"
+            ) from error
+        except (AnswerError, ModbusClientError) as error:
+            raise PlcError(str(error)) from error
 
     def _blocks(self, function: int) -> list[PlcBlock]:
         profile = self._profile
-        if function == _WRITE_AND_READ:
+        if function == READ_WRITE_REGISTERS:
             return [profile.outputs, profile.inputs]
-        return [profile.inputs if function in {_WRITE_COILS, _WRITE_REGISTERS} else profile.outputs]
+        return [profile.inputs if function in {WRITE_COILS, WRITE_REGISTERS} else profile.outputs]
 
-    def _levels(self, answer: bytes, block: PlcBlock) -> list[bool]:
+    def _levels(self, data: bytes, block: PlcBlock) -> list[bool]:
         """Return the outputs in the data of an answer."""
-        is_words = block.area is not None and block.area.is_words
-        size = 2 * block.length(self._output_count) if is_words else (self._output_count + 7) // 8
-        if len(answer) != 1 + size or answer[0] != size:
-            raise PlcError(f"answer has {len(answer) - 1} bytes of outputs instead of {size}")
-        if is_words:
-            return levels_of(struct.unpack(f">{size // 2}H", answer[1:]), self._output_count)
-        return levels_of(answer[1:], self._output_count, width=8)
+        if block.area in WORD_TABLES:
+            return levels_of(unpacked(data), self._output_count)
+        return levels_of(data, self._output_count, width=8)

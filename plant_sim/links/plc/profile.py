@@ -12,6 +12,8 @@ from typing import Final
 
 from controller.common.errors import InputError
 from controller.common.mitsubishi.devices import Device
+from controller.common.modbus.client_requests import READ_FUNCTION, WORD_TABLES
+from controller.common.modbus.io_map import ModbusTable
 from controller.common.suggestion import suggestion
 from controller.common.yaml_section import Section, one_of, read_section, whole
 
@@ -33,23 +35,9 @@ class PlcProtocol(enum.StrEnum):
     MC_3E = "mc_3e"
 
 
-class ModbusArea(enum.StrEnum):
-    """Modbus table."""
-
-    COIL = "coil"
-    DISCRETE_INPUT = "discrete_input"
-    HOLDING_REGISTER = "holding_register"
-    INPUT_REGISTER = "input_register"
-
-    @property
-    def is_words(self) -> bool:
-        """True for a table of registers; bit 0 of the first one is X0 or Y0, bit 0 of the next one X20 or Y20."""
-        return self in {ModbusArea.HOLDING_REGISTER, ModbusArea.INPUT_REGISTER}
-
-
 _MC_KINDS: Final = ("X", "Y", "M", "S", "D", "R")
 """Kinds of MC protocol devices for inputs and outputs."""
-_WRITABLE: Final = (ModbusArea.COIL, ModbusArea.HOLDING_REGISTER)
+_WRITABLE: Final = (ModbusTable.COIL, ModbusTable.HOLDING_REGISTER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,19 +46,20 @@ class PlcBlock:
 
     Attributes:
         device: First device in the words of the PLC, e.g. M7000.
-        area: Modbus table; None for the MC protocol.
+        area: Modbus table; None for the MC protocol. Bit 0 of the first register is X0 or Y0, that of the next one X20
+            or Y20.
         first: Modbus address of the first bit or register; 0 for the MC protocol.
         source: Source of the address, or a mark.
     """
 
     device: str
-    area: ModbusArea | None
+    area: ModbusTable | None
     first: int
     source: str
 
     def length(self, bits: int) -> int:
         """Return the number of addresses that some bits take."""
-        return -(-bits // 16) if self.area is not None and self.area.is_words else bits
+        return -(-bits // 16) if self.area in WORD_TABLES else bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +114,7 @@ def load_profile(name: str, *, input_count: int, output_count: int) -> PlcProfil
         path, ("title", "protocol", "port", "function_23", "outputs", "inputs"), error_type=ProfileError
     )
     protocol = file.read("protocol", one_of("protocol", PlcProtocol))
-    outputs = _block(file, "outputs", protocol, tuple(ModbusArea))
+    outputs = _block(file, "outputs", protocol, tuple(READ_FUNCTION))
     inputs = _block(file, "inputs", protocol, _WRITABLE)
     section = file.section("inputs")
     ok_bit = None
@@ -144,7 +133,7 @@ def load_profile(name: str, *, input_count: int, output_count: int) -> PlcProfil
     return profile
 
 
-def _block(file: Section, key: str, protocol: PlcProtocol, areas: tuple[ModbusArea, ...]) -> PlcBlock:
+def _block(file: Section, key: str, protocol: PlcProtocol, areas: tuple[ModbusTable, ...]) -> PlcBlock:
     known = ["device", "source"]
     if protocol is PlcProtocol.MODBUS:
         known += ["area", "first"]
@@ -172,8 +161,8 @@ def _check(file: Section, profile: PlcProfile, input_count: int, output_count: i
             raise file.error("function_23", "is a Modbus function; remove the key")
         return
     if profile.function_23 and (outputs.area, inputs.area) != (
-        ModbusArea.HOLDING_REGISTER,
-        ModbusArea.HOLDING_REGISTER,
+        ModbusTable.HOLDING_REGISTER,
+        ModbusTable.HOLDING_REGISTER,
     ):
         raise file.error("function_23", "transfers holding registers only; change both areas, or write false")
     ranges = (

@@ -13,7 +13,7 @@ from typing import Final, Self
 
 from filelock import FileLock, Timeout
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.campaign.file import Campaign
 from plant_sim.study.campaign.record import Record

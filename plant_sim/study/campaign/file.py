@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from controller.common.modbus.io_map import IoMap
 from controller.common.yaml_section import Section, read_section, whole
-from controller.iomap.loader import IoMap
 from plant_sim.faults import Fault, FaultError, parse_fault
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.campaign.file import Campaign

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Final
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from controller.program.set_points import CUP_LONGEST_X10_MS, CUP_SHORTEST_X10_MS, CUPS
 from controller.program.tags import SIDES, Side
 from plant_sim.machine.parameters import Machine

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Final
 
+from controller.common.modbus.io_map import IoMap
 from controller.fx.engine.execution import fastest_execution
 from controller.fx.engine.peripherals.peripherals import Peripherals
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import DeviceOperand, Ladder, LadderError
 from controller.fx.language.reading import load_ladder
-from controller.iomap.loader import IoMap
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.devices.operator_box import OperatorBox
 from plant_sim.links.io_module import IoModule

@@ -1,7 +1,8 @@
 """Load on the operator interface during its measurement: ``python -m scripts.benchmark.live.hmi_load``.
 
 Each process has one role: clients, browsers, a client at full speed, a sender of malformed frames, a reference server,
-a bare loop that only waits, or one that only computes. It prints its result as one line of JSON.
+a bare loop that only waits, or one that only computes. It prints its result as one line of JSON. The clients
+write their frames themselves, because they send malformed ones and many at once.
 """
 
 from __future__ import annotations

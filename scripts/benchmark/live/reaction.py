@@ -17,8 +17,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+from controller.common.modbus.io_map import IoMap
 from controller.common.modbus.rtu import SerialLine
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread

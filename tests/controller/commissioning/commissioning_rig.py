@@ -18,7 +18,8 @@ from pathlib import Path
 import pytest
 
 from controller.cli.main import main
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load_io_map
+from controller.common.modbus.io_map import IoMap, Point, Polarity
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread

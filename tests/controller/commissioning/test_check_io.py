@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from plant_sim.faults.fault import Fault
 from plant_sim.machine.plant import Plant
 from tests.controller.commissioning.commissioning_rig import (

@@ -9,7 +9,8 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.common.modbus.io_map import IoMap
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread

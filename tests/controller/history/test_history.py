@@ -99,6 +99,7 @@ def test_alarms_are_recorded_only_from_the_alarm_list(tmp_path: Path) -> None:
         writer.write(AlarmEvent(70, 990, True, "magazine empty"))
         writer.write(change)
     (row,) = table(path, "alarms")
+    assert HistoryReader(path).newest_alarm() == row["id"]
     assert list(row.values())[2:] == [
         70,
         1,
@@ -390,8 +391,10 @@ def test_a_missing_history_is_empty_until_the_file_exists(tmp_path: Path) -> Non
     assert reader.problem == f"{path}: no such file; specify a history written by a controller"
     assert reader.alarms() == reader.cycles() == reader.audit() == []
     assert reader.last_cycle("left") is None
+    assert reader.newest_alarm() is None
     with history(path) as writer:
         writer.write(TrayEvent(10, 1))
+        assert reader.newest_alarm() == 0
     assert (reader.present, len(reader.events())) == (True, 1)
     path.write_bytes(b"this is not a database")
     assert (reader.present, reader.events()) == (False, [])

@@ -11,9 +11,9 @@ from typing import Any, Self
 
 from controller.events.alarm_list import AlarmList
 from controller.events.production import ProductionLog
+from controller.hmi.access.server import FurtherEndpoints, HmiServer
 from controller.hmi.modbus.endpoint import HmiOptions
 from controller.hmi.modbus.fx3u_map import coil_address, register_address
-from controller.hmi.modbus.server import FurtherEndpoints, HmiServer
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace
 from plant_sim.twin.lock_step import Twin

@@ -18,7 +18,7 @@ import pytest
 from modbus_tk import defines, modbus_tcp  # type: ignore[import-untyped]
 from pyModbusTCP.client import ModbusClient  # type: ignore[import-untyped]
 
-from controller.hmi.modbus.tag_list import tag_csv
+from controller.hmi.access.tag_list import tag_csv
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import State

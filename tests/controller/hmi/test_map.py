@@ -9,7 +9,7 @@ from dataclasses import fields
 import pytest
 
 from controller.core.devices import Memory
-from controller.hmi.modbus.tag_list import tags
+from controller.hmi.access.tag_list import tags
 from tests.controller.common.modbus_rig import ILLEGAL_ADDRESS, Client, exception, read_pdu
 from tests.controller.hmi.hmi_rig import SERVER_BUSY, HmiRig, read_long, read_words
 

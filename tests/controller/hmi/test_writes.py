@@ -10,6 +10,7 @@ import pytest
 
 from controller.events.alarm_states import AlarmState
 from controller.hmi.access.machine import AUDITED_REFUSALS_PER_MINUTE
+from controller.hmi.access.status_registers import STATUS_WORDS
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
@@ -128,6 +129,7 @@ def test_several_commands_in_one_request(rig: HmiRig, client: Client) -> None:
         pytest.param(struct.pack(">BHH", 6, 540, 1), id="a row's state"),
         pytest.param(struct.pack(">BHH", 6, 0x1F40, 1), id="D8000"),
         pytest.param(struct.pack(">BHH", 6, 0x2140, 1), id="R0"),
+        pytest.param(struct.pack(">BHH", 6, 0x2140 + STATUS_WORDS, 1), id="behind the status registers"),
         pytest.param(struct.pack(">BHH", 6, 0xA140, 1), id="TN0"),
         pytest.param(struct.pack(">BHH", 6, 0xA340, 1), id="CN0"),
         pytest.param(struct.pack(">BHHBHH", 16, 511, 2, 4, 1, 1), id="one set-point, one not"),
@@ -154,6 +156,11 @@ def test_other_writes_are_refused_and_change_nothing(rig: HmiRig, client: Client
     assert before == (memory.M[:400], memory.S.copy(), memory.D[511:570], memory.Y.copy(), memory.X.copy())
     assert read_long(client, "R", 14) == 1
     assert [(row[0], row[4].partition(":")[0]) for row in rig.audits] == [(peer(client), "refused")]
+
+
+def test_a_refused_write_behind_the_status_registers_is_audited_with_its_register(rig: HmiRig, client: Client) -> None:
+    assert write_words(client, "R", STATUS_WORDS, 1) == exception(16, ILLEGAL_ADDRESS)
+    assert [row[2:] for row in rig.audits] == [(f"R{STATUS_WORDS}", "[1]", "refused: no such device")]
 
 
 # --- set-points -----------------------------------------------------------------------------------

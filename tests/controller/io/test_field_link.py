@@ -10,9 +10,10 @@ from typing import TypeVar
 
 import pytest
 
+from controller.common.modbus.io_map import IoMap, Point, Polarity
 from controller.io.link import FieldLink
 from controller.io.modbus_tcp import ModbusTcpLink
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer

@@ -12,12 +12,13 @@ from typing import Self
 
 import pytest
 
+from controller.common.modbus.io_map import IoMap, ModbusTable, Point
 from controller.io.field.blocks import PointBlock, blocks_of
 from controller.io.field.profiles import profiles
 from controller.io.field.tcp_line import TcpBus
 from controller.io.link import LinkError
 from controller.io.modbus_tcp import ModbusTcpLink
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, ModbusTable, Point, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread

@@ -13,6 +13,7 @@ import pytest
 from pymodbus.datastore import ModbusDeviceContext, ModbusSequentialDataBlock, ModbusServerContext
 from pymodbus.server import ModbusTcpServer
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
 from controller.io.field.device import FieldDevice
@@ -24,7 +25,7 @@ from controller.io.output_guard import ModbusOutputGuard, ModuleKind
 from controller.io.ownership import FREE_MS, RIVAL_MS
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.links.io_module import WatchdogState

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from controller.common.modbus.io_map import OutputRegister
 from controller.core.retentive_store import MemoryStore
 from controller.core.rungs import Mov
 from controller.core.scan import Plc
@@ -14,7 +15,6 @@ from controller.io.link import LinkError
 from controller.io.modbus_tcp import ModbusTcpLink
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter
 from controller.io.runtime import Runtime
-from controller.iomap.loader import OutputRegister
 from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.links.in_process import InProcessLink, LinkDown

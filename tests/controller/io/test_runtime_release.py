@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from controller.common.modbus.io_map import Polarity
 from controller.core.retentive_store import FileStore, MemoryStore
 from controller.core.rungs import Inc, Out, Pulse
 from controller.core.scan import Plc
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
 from controller.io.runtime import Runtime
-from controller.iomap.loader import DEFAULT_IO_MAP, Polarity, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from tests.controller.core.core_rig import GatedStore, d, m, program_of, wait_until, x, y
 

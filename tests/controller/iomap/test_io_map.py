@@ -8,7 +8,8 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from controller.common.declarations import DeclarationError
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, IoMapError, ModbusTable, Point, Polarity, load_io_map
+from controller.common.modbus.io_map import IoMap, ModbusTable
+from controller.iomap.loader import DEFAULT_IO_MAP, IoMapError, load_io_map
 from tests.sampling import examples
 
 TEXT = DEFAULT_IO_MAP.read_text(encoding="utf-8")
@@ -140,25 +141,6 @@ def test_delivered_safe_images_are_all_off(io_map: IoMap) -> None:
     """All safe levels are off; for the normally closed stop buttons, an off input means that the button is pressed."""
     assert io_map.safe_inputs() == [False] * io_map.input_count
     assert io_map.safe_outputs() == [False] * io_map.output_count
-
-
-@pytest.mark.parametrize(
-    ("polarity", "level_when_active"),
-    [
-        (Polarity.NORMALLY_OPEN, True),
-        (Polarity.NORMALLY_CLOSED, False),
-        (Polarity.ACTIVE_HIGH, True),
-        (Polarity.ACTIVE_LOW, False),
-    ],
-)
-def test_level_and_active_are_inverse_functions(polarity: Polarity, level_when_active: bool) -> None:
-    point = Point("stop", "X24", "X", 20, "", polarity, True, ModbusTable.DISCRETE_INPUT, 20, False, True, 1)
-    assert point.level(True) is level_when_active
-    assert point.level(False) is not level_when_active
-    assert point.inverted is not level_when_active
-    for state in (False, True):
-        assert point.active(point.level(state)) is state
-        assert point.level(point.active(state)) is state
 
 
 # --- Changes by the user ------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import csv
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from controller.hmi.modbus.tag_list import tags
+from controller.hmi.access.tag_list import tags
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import Transplanter, build
 

@@ -13,10 +13,10 @@ from threading import Event
 import pytest
 
 from controller.common.declarations import DeclarationError
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import TRUE, Expr
 from controller.io.loop import run_simulated_time
 from controller.io.pace import FLAT_OUT, Pace
-from controller.iomap.loader import IoMap
 from controller.iomap.schema import OUTPUT
 from controller.program import interlocks, machine
 from controller.program.machine import Transplanter, build

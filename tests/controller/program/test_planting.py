@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import Word
 from controller.core.scan import Plc
 from controller.export.instruction_list import acting, export
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.check import MOST_STEPS, usage
-from controller.iomap.loader import IoMap
 from controller.program.machine import build
 from controller.program.planting import GROUND_GAP_MS, WARNING_MS
 from controller.program.states import State

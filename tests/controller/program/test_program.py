@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from controller.common.modbus.io_map import IoMap, Point, Polarity
 from controller.core.devices import timer_base_ms
 from controller.core.expr import Bit, Word, any_of, leaves
 from controller.core.rungs import Annunciate, OnDelay, Out
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import MOVING, State
 from controller.program.tags import Tags

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -11,8 +13,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from controller.common.stop_request import StopRequest
 from plant_sim.cli.main import main
-from tests.paths import ROOT
+from tests.paths import DOCS, ROOT
 
 LIMIT_S = 240
 
@@ -58,6 +61,26 @@ def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
     html = (tmp_path / "reports" / "hil.html").read_text("utf-8")
     assert html.count("<svg") == 6
     assert "outputs from 127.0.0.1" in html  # timing of the controller
+
+
+def test_the_program_is_judged_in_one_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The command of the guide."""
+    (command,) = re.findall(r"-m plant_sim (hil program .*)", (DOCS / "hil-bench.md").read_text("utf-8"))
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(command)) == 0
+    *_, fault, numbers, _, _ = capsys.readouterr().out.splitlines()
+    assert fault.startswith("passed   fault: jammed:right.lift (")
+    assert numbers == "6 passed, 0 failed, 0 not run"
+    assert "lock step, 10 ms" in (tmp_path / "var/hil/hil.html").read_text("utf-8")
+
+
+def test_the_bench_of_the_program_can_be_interrupted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with StopRequest() as stop:
+        stop.set()
+        assert main(["hil", "program", "--no-reference", "--out", str(tmp_path)], stop) == 130
+    assert capsys.readouterr().err.splitlines() == ["stopped before the last case"]
 
 
 @pytest.mark.nightly

@@ -26,10 +26,10 @@ from plant_sim.crop.incident import Incident
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.fault_matrix import expected as matrix_expected
 from plant_sim.fault_matrix.cases import Subject, subjects
-from plant_sim.fault_matrix.expected import EXPECTED, NO_ROW, Expectation, expectation
+from plant_sim.fault_matrix.expected import EXPECTED, NO_ROW, Expectation
 from plant_sim.fault_matrix.first_signal import SUSPENSIONS, Signal
 from plant_sim.fault_matrix.following import Followed, follow
-from plant_sim.fault_matrix.judge import complaints
+from plant_sim.fault_matrix.judge import complaints, expectation
 from plant_sim.fault_matrix.report import (
     COLUMNS,
     SIZES_COLUMNS,

@@ -3,33 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
 
-from controller.core.machine_code import MachineExecution
-from controller.core.retentive_store import MemoryStore
-from controller.core.scan import Plc
-from controller.io.retentive_writer import DirectRetentiveWriter
-from controller.io.runtime import Runtime
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
-from controller.program.machine import Transplanter, build
+from controller.common.modbus.io_map import IoMap
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.bench_run import BenchRun, CaseResult, CaseVerdict
 from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
+from plant_sim.twin.own_program import drive
 
-SCAN_MS = 10
 LIMIT_MS = 3_600_000
 
 Damage = Callable[[Bench, set[str]], set[str] | None]
 """Function that receives the actuators and lamps that the program switches on, and returns those that are switched;
 None = the outputs are not written."""
-
-
-@cache
-def program(io_map: IoMap) -> Transplanter:
-    return build(io_map)
 
 
 def default_map() -> IoMap:
@@ -69,20 +58,15 @@ def judge(
     module = DelayingModule(Plant(io_map, machine, seed=1, trays=trays), io_map)
     bench = Bench(module, machine)
     link = DamagedLink(module, (lambda on: damage(bench, on)) if damage else lambda on: on)
-    transplanter = program(io_map)
-    plc = Plc(transplanter.program, execution=MachineExecution(transplanter.program))
-    for name, value in (set_points or {}).items():
-        plc.write(getattr(transplanter.tags.sp, name), value)
-    runtime = Runtime(transplanter, plc, link, DirectRetentiveWriter(MemoryStore()))
     run = BenchRun(bench, groups=groups, only=only, reference_lost=reference_lost)
     ended: list[int] = []
     bench.play(run.procedure(), ended=lambda: ended.append(bench.now_ms))
-    now_ms = 0
-    while not ended:
-        assert now_ms < LIMIT_MS, "the bench does not end"
-        runtime.tick(now_ms)
-        module.advance(SCAN_MS)
-        now_ms += SCAN_MS
+
+    def is_over() -> bool:
+        assert bench.now_ms < LIMIT_MS, "the bench does not end"
+        return bool(ended)
+
+    drive(link, until=is_over, set_points=set_points or {})
     assert run.is_complete
     return run.results, bench
 

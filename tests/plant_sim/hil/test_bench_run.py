@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from controller.iomap.loader import IoMap, load_io_map
+from controller.common.modbus.io_map import IoMap
+from controller.iomap.loader import load_io_map
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict
 from tests.plant_sim.hil.hil_rig import Damage, default_map, failures, judge

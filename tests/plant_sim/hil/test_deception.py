@@ -11,7 +11,8 @@ from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.hil.procedure import NotRunError
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
-from tests.plant_sim.hil.hil_rig import SCAN_MS, default_map, failures, judge
+from plant_sim.twin.lock_step import SCAN_MS
+from tests.plant_sim.hil.hil_rig import default_map, failures, judge
 
 
 def _bench() -> Bench:

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load_io_map
+from controller.common.modbus.io_map import IoMap, Point, Polarity
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.links.io_module import IoModule, ModuleFault, WatchdogState
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from numpy.typing import NDArray
 
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.common.modbus.io_map import IoMap
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.common.parameter_file import Value
 from plant_sim.crop.seedling import Seedling
 from plant_sim.devices.sensor import Sensor

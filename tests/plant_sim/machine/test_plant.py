@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.common.declarations import DeclarationError
-from controller.iomap.loader import Polarity
+from controller.common.modbus.io_map import Polarity
 from plant_sim.crop.seedling import Location
 from plant_sim.machine.plant import Plant
 from tests.plant_sim.machine.plant_rig import IO_MAP, MACHINE, Rig

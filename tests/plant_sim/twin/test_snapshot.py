@@ -24,7 +24,7 @@ from tests.sampling import one_in
 
 IMMUTABLE = (
     "controller.program",
-    "controller.iomap",
+    "controller.common.modbus.io_map",
     "controller.core.program",
     "controller.core.expr",
     "controller.core.memory_layout",

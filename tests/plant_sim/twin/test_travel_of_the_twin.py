@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from controller.iomap.loader import Point
+from controller.common.modbus.io_map import Point
 from controller.program.states import State
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.machine.parameters import Machine

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import NamedTuple
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.devices import ANNUNCIATOR_ON
 from controller.core.expr import Bit, Word
-from controller.iomap.loader import IoMap
 from controller.program.states import Mode, State
 from controller.program.tags import ArmTags, Side
 from plant_sim.crop.seedling import SeedlingCounts

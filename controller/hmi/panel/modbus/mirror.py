@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from controller.common.modbus.async_client import ModbusClientError
+from controller.common.modbus.client_requests import ExceptionReplyError
+from controller.common.modbus.io_map import IoMap
 from controller.core.clock import Clock
 from controller.core.devices import WORD_MAX, Memory
 from controller.hmi.access.status_registers import R_ALARMS_PEAK, R_LATENESS, R_NAME
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
-from controller.hmi.panel.modbus.connection import ExceptionResponseError, ModbusConnection, ModbusConnectionError
-from controller.iomap.loader import IoMap
+from controller.hmi.panel.modbus.connection import ModbusConnection
 
 POLL_MS: Final = 50
 R_LINK_LOST: Final = 4
@@ -124,7 +126,7 @@ class Poller:
             while True:
                 try:
                     self._mirror.update([(block, await self._read(block)) for block in self._blocks])
-                except (ModbusConnectionError, ExceptionResponseError):
+                except (ModbusClientError, ExceptionReplyError):
                     self._mirror.connected = False
                 await asyncio.sleep(POLL_MS / 1_000)
         finally:

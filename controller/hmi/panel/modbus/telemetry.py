@@ -17,8 +17,10 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from controller.common.errors import InputError
+from controller.common.modbus.async_client import ModbusClientError
+from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.core.clock import Clock
-from controller.hmi.panel.modbus.connection import ExceptionResponseError, ModbusConnection, ModbusConnectionError
+from controller.hmi.panel.modbus.connection import ModbusConnection
 
 POLL_MS: Final = 100
 STALE_MS: Final = 1_000
@@ -152,8 +154,8 @@ class Telemetry:
         """Write a coil.
 
         Raises:
-            ModbusConnectionError: The source did not respond.
-            ExceptionResponseError: The source refused the request.
+            ModbusClientError: The source did not respond.
+            ExceptionReplyError: The source refused the request.
         """
         await self._connection.write_bit(tag.address, value)
 
@@ -164,7 +166,7 @@ class Telemetry:
                 try:
                     self._values = await self._poll()
                     self._good_at_ms = self._clock.now_ms()
-                except (ModbusConnectionError, ExceptionResponseError):
+                except (ModbusClientError, ExceptionReplyError):
                     pass
                 await asyncio.sleep(POLL_MS / 1_000)
         finally:

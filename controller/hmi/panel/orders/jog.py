@@ -12,9 +12,11 @@ import asyncio
 from collections.abc import Callable
 from typing import Final
 
+from controller.common.modbus.async_client import ModbusClientError
+from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.core.clock import Clock
 from controller.hmi.modbus.fx3u_map import coil_address
-from controller.hmi.panel.modbus.connection import ExceptionResponseError, ModbusConnection, ModbusConnectionError
+from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import NAME_ADDRESS, Mirror
 from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.session import BrowserSession, OrderRefusedError, name_words, obstacle_text
@@ -124,13 +126,13 @@ class Jogging:
             await connection.write_words(NAME_ADDRESS, name_words(AccessLevel.MAINTAIN))
             while await self._renewed(jog):
                 await connection.write_bit(jog.coil, True)
-        except (ModbusConnectionError, ExceptionResponseError):
+        except (ModbusClientError, ExceptionReplyError):
             jog.session.release_required = True
         finally:
             try:
                 if connection.connected:
                     await connection.write_bit(jog.coil, False)
-            except (ModbusConnectionError, ExceptionResponseError):
+            except (ModbusClientError, ExceptionReplyError):
                 pass  # the controller releases the output after its own timeout
             finally:
                 connection.close()

@@ -13,12 +13,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
+from controller.common.modbus.async_client import ModbusClientError
+from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.core.clock import Clock
 from controller.core.expr import Bit, Word
 from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmRefusalError
 from controller.hmi.access import status_registers as status
 from controller.hmi.modbus.fx3u_map import coil_address, register_address
-from controller.hmi.panel.modbus.connection import ExceptionResponseError, ModbusConnection, ModbusConnectionError
+from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import NAME_ADDRESS, R_SIMULATED, Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders import messages
@@ -123,10 +125,10 @@ class OrderHandler:
         except OrderRefusedError as refusal:
             self.refused += 1
             return Reply(False, refusal.text)
-        except ExceptionResponseError as refusal:
+        except ExceptionReplyError as refusal:
             self.refused += 1
             return Reply(False, reply_text("refused", code=refusal.code))
-        except ModbusConnectionError:
+        except ModbusClientError:
             self.refused += 1
             return Reply(False, reply_text("unsure"))
         self.done += 1
@@ -138,10 +140,10 @@ class OrderHandler:
     async def release_all(self, session: BrowserSession) -> None:
         """Release all inputs, buttons and jogs held by a disconnected browser."""
         self._jogging.release(session)
-        with suppress(ModbusConnectionError, ExceptionResponseError, OrderRefusedError):
+        with suppress(ModbusClientError, ExceptionReplyError, OrderRefusedError):
             for button in tuple(session.pressed):
                 await self._press(messages.BoxOrder(id=0, type="box", button=button, pressed=False), session)
-        with suppress(ModbusConnectionError, ExceptionResponseError, OrderRefusedError):
+        with suppress(ModbusClientError, ExceptionReplyError, OrderRefusedError):
             for number in tuple(session.forced):
                 await self._write_force(number, status.RELEASE_FORCE)
         self._forcing.discard(session)
@@ -275,7 +277,7 @@ class OrderHandler:
             session.pressed.add(order.button)
         try:
             await telemetry.write(tag, order.pressed)
-        except ModbusConnectionError as error:
+        except ModbusClientError as error:
             raise OrderRefusedError.because("no box answer") from error
         if not order.pressed:
             session.pressed.discard(order.button)
@@ -319,7 +321,7 @@ class OrderHandler:
         try:
             async with self._lock:
                 await self._connection.read_words(register_address("R", 0), 2)
-        except (ModbusConnectionError, ExceptionResponseError):
+        except (ModbusClientError, ExceptionReplyError):
             for session in self._forcing:
                 session.forced.clear()  # the controller ended the forcing when the connection was lost
 
@@ -329,7 +331,7 @@ class OrderHandler:
         async with self._lock:
             try:
                 await self._connection.write_words(NAME_ADDRESS, name_words(level))
-            except ModbusConnectionError as error:
+            except ModbusClientError as error:
                 raise OrderRefusedError.because("no controller") from error
             yield
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any, Final
 
+from controller.common.modbus.io_map import Point
 from controller.core.expr import Bit
 from controller.core.sequence import Sequence, Step
 from controller.events.alarm_load import MOST_IN_WINDOW
@@ -13,7 +14,7 @@ from controller.hmi.panel.orders.login import HALTING, command_level
 from controller.hmi.panel.view.conditions import condition_text
 from controller.hmi.panel.view.state import Json, in_both
 from controller.hmi.panel.view.texts import TEXTS
-from controller.iomap.loader import POINT_NAMES, Point
+from controller.iomap.loader import POINT_NAMES
 from controller.program.alarms.guide import LikelyCause, likely_causes
 from controller.program.machine import Transplanter
 from controller.program.operator.commands import JOGGED, Command

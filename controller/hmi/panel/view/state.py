@@ -40,7 +40,7 @@ class ViewBuilder:
         mirror: Mirror,
         jogging: Jogging,
         telemetry: Telemetry | None = None,
-        history_available: Callable[[], bool] = lambda: False,
+        newest_alarm: Callable[[], int | None] = lambda: None,
     ) -> None:
         """Initialise a builder with its data sources.
 
@@ -49,14 +49,15 @@ class ViewBuilder:
             mirror: Mirror of the controller.
             jogging: Jog state.
             telemetry: Telemetry source, if configured.
-            history_available: Function that returns True if a history exists.
+            newest_alarm: Function that returns the number of the newest change of an alarm in the history; None = no
+                history.
         """
         self._machine = machine
         self._tags = machine.tags
         self._mirror = mirror
         self._jogging = jogging
         self._telemetry = telemetry
-        self._history_available = history_available
+        self._newest_alarm = newest_alarm
         self._steps = [bit for sequence in machine.program.sequences() for bit, _ in sequence]
         self._by_number = {command.number: command for command in machine.tags.commands}
         names = {command.bit: command.name for command in machine.tags.commands}
@@ -111,7 +112,8 @@ class ViewBuilder:
             "pace_percent": pace,
             "forcing_allowed": bool(mirror.word(registers.R_FORCING_ALLOWED)),
             "force_why": in_both_or_none(force_obstacle(self._tags, mirror)),
-            "history": self._history_available(),
+            "history": self._newest_alarm() is not None,
+            "newest_alarm": self._newest_alarm(),
         }
 
     def _control(self) -> Json:

@@ -60,7 +60,7 @@ CANCEL_PERIOD_S: Final = 0.1
 MAX_BODY: Final = 4_096
 """Size limit of a request body, bytes."""
 HISTORY_CHECK_S: Final = 2.0
-"""Period of the check for a history file, s."""
+"""Period of the look for a history and its newest change of an alarm, s."""
 
 Endpoint = Callable[[Request], Awaitable[Response]]
 Body = TypeVar("Body", bound=BaseModel)
@@ -129,14 +129,14 @@ class PanelApplication:
         self._users = users
         self._throttle = LoginThrottle(clock)
         self._secure = secure
-        self._history_available = False
+        self._newest_alarm: int | None = None
         self._hash_lock = asyncio.Lock()
         self._jogging = Jogging(machine, self.mirror, sources.connect, clock)
         self.operator = OrderHandler(
             machine, self.mirror, sources.connect(), self._jogging, telemetry=telemetry, clock=clock
         )
         self._trends = Trends(telemetry, sources.history, sources.trends, sources.wall_ms)
-        viewer = ViewBuilder(machine, self.mirror, self._jogging, telemetry, lambda: self._history_available)
+        viewer = ViewBuilder(machine, self.mirror, self._jogging, telemetry, lambda: self._newest_alarm)
         self._broadcaster = ViewBroadcaster(viewer, self._trends)
         self._metrics = Metrics(machine, self.mirror, self.operator, telemetry, lambda: self._broadcaster.browsers)
         self._description = describe(machine, telemetry, sources.language)
@@ -291,10 +291,10 @@ class PanelApplication:
         return checked
 
     async def _watch_history(self) -> None:
-        """Check periodically whether the history file exists."""
+        """Look periodically for the history and its newest change of an alarm."""
         reader = self._sources.history
         while reader is not None:
-            self._history_available = await asyncio.to_thread(lambda: reader.present)
+            self._newest_alarm = await asyncio.to_thread(reader.newest_alarm)
             await asyncio.sleep(HISTORY_CHECK_S)
 
     def _with_session(self, response: Response, user: User) -> Response:

@@ -22,9 +22,9 @@ from controller.common.mitsubishi.requests import RefusedError, RemoteRun, Remot
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.cpu_model import FX3U
 from controller.fx.language.il import read_il
-from controller.hmi.access.devices import AccessRefusal, AccessRefusedError
 from controller.hmi.ladder.live import MAX_WRITES, LivePlc, LiveSession
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
+from controller.hmi.serving.devices import AccessRefusal, AccessRefusedError
 from plant_sim.twin.process import Process
 from tests.controller.common.modbus_rig import PATIENT_S
 from tests.controller.io.test_rtu import Master

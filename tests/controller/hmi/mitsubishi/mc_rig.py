@@ -10,9 +10,9 @@ from typing import Self
 from controller.common.mitsubishi.client import McClient
 from controller.common.mitsubishi.mc1e import Frame1E
 from controller.common.mitsubishi.mc3e import Frame3E
-from controller.hmi.access.devices import AccessSource
 from controller.hmi.mitsubishi.mc import FrameName, mc_tcp
 from controller.hmi.modbus.endpoint import HmiOptions
+from controller.hmi.serving.devices import AccessSource
 from controller.hmi.serving.endpoints import Endpoint, TcpEndpoint, TcpSettings
 from tests.controller.common.modbus_rig import PATIENT_S
 from tests.controller.hmi.hmi_rig import HmiRig

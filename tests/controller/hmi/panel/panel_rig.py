@@ -21,8 +21,8 @@ from websockets.sync.client import ClientConnection, connect
 from controller.cli.panel import server_config
 from controller.core.clock import MonotonicClock
 from controller.history.query import HistoryReader
+from controller.hmi.access.server import HmiServer
 from controller.hmi.modbus.endpoint import HmiOptions
-from controller.hmi.modbus.server import HmiServer
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders.login import Cost, Users

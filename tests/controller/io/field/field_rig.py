@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmChange
@@ -15,7 +16,7 @@ from controller.io.field.link import DevicesLink
 from controller.io.output_guard import ModbusOutputGuard
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
 from controller.program.texts.operator import Language

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from controller.cli.main import main
+from controller.common.modbus.io_map import ModbusTable
 from controller.common.modbus.rtu import SerialLine
 from controller.io.field.blocks import blocks_of
 from controller.io.field.field_file import FieldFileError, load_field, place_of
 from controller.io.field.profiles import profiles
 from controller.io.field.schema import ModuleTraits
-from controller.iomap.loader import ModbusTable
 from tests.controller.io.field.field_rig import INPUT_TAGS, IO_MAP, OUTPUT_TAGS, device, file_of, tcp, wires
 from tests.paths import DOCS
 

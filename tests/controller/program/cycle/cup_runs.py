@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import Bit
-from controller.iomap.loader import IoMap
 from plant_sim.devices.cups import HALVED
 from plant_sim.machine.parameters import load_machine
 from plant_sim.twin.lock_step import Twin

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from controller.program.cups import RAMP_PER_MIN_S, shortest_next_s
 from controller.program.states import State
 from controller.program.tags import SIDES, Side

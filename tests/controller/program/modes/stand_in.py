@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from controller.iomap.loader import IoMap
+from controller.common.modbus.io_map import IoMap
 from controller.program.tags import SIDES
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant

@@ -14,7 +14,7 @@ import pytest
 
 from controller.core.specification import Specification
 from controller.events.kinds import AlarmEvent
-from controller.hmi.modbus.tag_list import tags as tag_list
+from controller.hmi.access.tag_list import tags as tag_list
 from controller.program.operator.next_press import NextPress
 from controller.program.operator.refusals import Refusal
 from controller.program.requirements.safety import Safety

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 
 from controller.cli.main import main
+from controller.common.modbus.io_map import Polarity
 from controller.core.expr import FALSE, Bit, Expr, Word, any_of, leaves
 from controller.core.program import Block
 from controller.core.rungs import OnDelay, Out, Rst, Rung
 from controller.core.sequence import Sequence, Step, To
-from controller.iomap.loader import Polarity
 from controller.program.alarms.table import ARM_ALARM_NUMBERS
 from controller.program.interlocks import BELT, LIFT, SLIDE
 from controller.program.machine import Transplanter, build

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import evaluate
 from controller.events.kinds import ModeEvent, RefusalEvent, StateEvent
-from controller.iomap.loader import IoMap
 from controller.program.operator.answers import Question
 from controller.program.operator.commands import ARM_OUTPUTS
 from controller.program.operator.next_press import NextPress

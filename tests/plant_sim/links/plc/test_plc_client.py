@@ -10,15 +10,13 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from controller.common.modbus.rtu import SerialLine, framed
+from controller.common.modbus.async_client import AsyncTcpClient
 from plant_sim.links.io_module import IoModule, WatchdogState
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.plc.modbus import ModbusPlc
 from plant_sim.links.plc.port import PlcError
-from plant_sim.links.plc.transport import ModbusTransport, RtuTransport, TcpTransport, answer_length
 from plant_sim.links.write_timing import PlcState
-from scripts.benchmark.live.serial_cable import SerialCable
-from tests.controller.common.modbus_rig import IO_MAP, PATIENT_S, Rig, frame, read_pdu, read_registers
+from tests.controller.common.modbus_rig import IO_MAP, PATIENT_S, Rig, frame, read_registers
 from tests.plant_sim.links.plc.plc_rig import LIMIT_S, client_of, modbus_plc, module_of, profile_of
 
 COIL = 5
@@ -73,8 +71,8 @@ class OneOutput:
 @contextmanager
 def connected(module: IoModule, port: int, said: Said, *, watchdog_limit: float = 1.0) -> Iterator[Rig]:
     """Run the plant in real time as client of a PLC."""
-    transport = TcpTransport("127.0.0.1", port, unit=1, timeout_s=watchdog_limit)
-    plc = ModbusPlc(PROFILE, transport, output_count=OUTPUTS)
+    master = AsyncTcpClient("127.0.0.1", port, timeout_s=watchdog_limit)
+    plc = ModbusPlc(PROFILE, master, output_count=OUTPUTS)
     client = client_of(plc, module, PROFILE, period_s=0.005, said=said)
     with Rig(PlantServer(module, port=0, plc=client, tell=said.append)) as rig:
         yield rig
@@ -142,18 +140,21 @@ def confirmed(request: bytes) -> bytes:
 
 
 WRONG = {
-    "transaction": (lambda r: frame(r[7:12], transaction=9), "answer has transaction 9"),
+    "transaction": (
+        lambda r: frame(r[7:12], transaction=9),
+        "200 ms, but a frame with transaction 9,",
+    ),
     "unit": (lambda r: frame(r[7:12], transaction=int.from_bytes(r[:2]), unit=4), "unit 4"),
     "protocol": (lambda r: r[:2] + b"\0\1" + confirmed(r)[4:], "protocol 1"),
     "length": (lambda r: r[:4] + b"\0\1" + r[6:8], "length 1"),
-    "function": (lambda r: frame(b"\x10" + r[8:12], transaction=int.from_bytes(r[:2])), "function 16 instead of 15"),
-    "address": (lambda r: frame(b"\x0f\0\0\0\1", transaction=int.from_bytes(r[:2])), "another address or count"),
+    "function": (lambda r: frame(b"\x10" + r[8:12], transaction=int.from_bytes(r[:2])), "another function .16."),
+    "address": (lambda r: frame(b"\x0f\0\0\0\1", transaction=int.from_bytes(r[:2])), "answer confirms 1 from 0"),
     "exception": (lambda r: frame(b"\x8f\x02", transaction=int.from_bytes(r[:2])), "no such address.*M7000 .coil 7000"),
     "cut": (lambda r: confirmed(r)[:9], "no answer within 200 ms"),
     "silence": (lambda r: b"", "no answer within 200 ms"),
     "short": (
         lambda r: confirmed(r) if r[7] == 15 else frame(b"\x01\x01\x00", transaction=int.from_bytes(r[:2])),
-        "1 bytes of outputs instead of 3",
+        "answer contains 8 bits",
     ),
 }
 
@@ -166,7 +167,7 @@ def test_a_wrong_answer_is_never_taken_for_outputs(name: str) -> None:
         server = await asyncio.start_server(Wrong(answer), "127.0.0.1", 0)
         async with server:
             port = server.sockets[0].getsockname()[1]
-            plc = ModbusPlc(PROFILE, TcpTransport("127.0.0.1", port, unit=1, timeout_s=0.2), output_count=OUTPUTS)
+            plc = ModbusPlc(PROFILE, AsyncTcpClient("127.0.0.1", port, timeout_s=0.2), output_count=OUTPUTS)
             await plc.open()
             try:
                 with pytest.raises(PlcError, match=complaint):
@@ -175,49 +176,6 @@ def test_a_wrong_answer_is_never_taken_for_outputs(name: str) -> None:
                 plc.close()
 
     asyncio.run(exchange())
-
-
-def test_frames_on_a_line_are_accepted_only_with_unit_and_checksum() -> None:
-    """Noise, another unit and an invalid checksum are not answers; the next exchange is not disturbed by late ones."""
-
-    async def exchange(cable: SerialCable) -> None:
-        transport: ModbusTransport = RtuTransport(SerialLine(cable.ends[0], 115_200, "N", 1, 17), timeout_s=0.2)
-        await transport.open()
-        loop = asyncio.get_running_loop()
-        device = SerialLine(cable.ends[1], 115_200, "N", 1).open()
-
-        def answer_with(data: bytes) -> None:
-            if device.read(300):
-                device.write(data)
-
-        valid = framed(17, b"\x01\x03\x01\x02\x03")
-        for wrong in (framed(18, valid[1:-2]), valid[:-1] + bytes([valid[-1] ^ 1]), valid[:4]):
-            loop.add_reader(device.fileno(), answer_with, wrong)
-            with pytest.raises(PlcError, match="no valid answer"):
-                await transport.request(read_pdu(1, 0, 18))
-        loop.add_reader(device.fileno(), answer_with, valid)
-        assert await transport.request(read_pdu(1, 0, 18)) == valid[1:-2]
-        loop.remove_reader(device.fileno())
-        device.close()
-        transport.close()
-
-    with SerialCable() as cable:
-        asyncio.run(exchange(cable))
-
-
-@pytest.mark.parametrize(
-    ("received", "length"),
-    [
-        (b"", None),
-        (b"\x01\x03", None),
-        (b"\x01\x03\x04", 9),
-        (b"\x01\x17\x02", 7),
-        (b"\x01\x0f\x00", 8),
-        (b"\x01\x8f\x02", 5),
-    ],
-)
-def test_lengths_of_serial_answers(received: bytes, length: int | None) -> None:
-    assert answer_length(received) == length
 
 
 def test_the_first_failure_is_repeated_at_once_and_is_not_a_loss() -> None:
@@ -245,8 +203,8 @@ def test_in_lock_step_only_exchanges_advance_plant_time() -> None:
     """Buttons pressed by another client take no plant time."""
     said, program, module = Said(), OneOutput(), module_of()
     with modbus_plc(PROFILE, program.scan) as port:
-        transport = TcpTransport("127.0.0.1", port, unit=1, timeout_s=PATIENT_S)
-        plc = client_of(ModbusPlc(PROFILE, transport, output_count=OUTPUTS), module, PROFILE, period_s=0, said=said)
+        master = AsyncTcpClient("127.0.0.1", port, timeout_s=PATIENT_S)
+        plc = client_of(ModbusPlc(PROFILE, master, output_count=OUTPUTS), module, PROFILE, period_s=0, said=said)
         with Rig(PlantServer(module, port=0, lock_step_ms=10, plc=plc)) as rig:
             said.wait_for("answers at")
             client = rig.client()

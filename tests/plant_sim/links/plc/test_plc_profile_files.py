@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.links.plc.profile import ModbusArea, ProfileError, load_profile, profile_names
+from controller.common.modbus.io_map import ModbusTable
+from plant_sim.links.plc.profile import ProfileError, load_profile, profile_names
 from tests.controller.common.modbus_rig import IO_MAP
 
 VALID = """\
@@ -52,7 +53,7 @@ def test_fx3u_addresses_are_those_of_the_manual() -> None:
     """Y0 is coil 3300h and M0 coil 0. Source: FX3U MODBUS Serial Communication manual, default map."""
     profile = load_profile("fx3u", input_count=22, output_count=18)
     assert (profile.outputs.first, profile.inputs.first) == (0x3300, 7_000)
-    assert profile.outputs.area is profile.inputs.area is ModbusArea.COIL
+    assert profile.outputs.area is profile.inputs.area is ModbusTable.COIL
     assert profile.input_bits(22) == 32
 
 

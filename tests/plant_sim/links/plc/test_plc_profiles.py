@@ -11,12 +11,12 @@ from contextlib import contextmanager
 import pytest
 from modbus_tk import defines, modbus, modbus_rtu  # type: ignore[import-untyped]
 
+from controller.common.modbus.async_client import AsyncRtuClient, AsyncTcpClient
 from controller.common.modbus.rtu import SerialLine
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.plc.mc import McPlc
 from plant_sim.links.plc.modbus import ModbusPlc
 from plant_sim.links.plc.profile import PlcProtocol, profile_names
-from plant_sim.links.plc.transport import RtuTransport, TcpTransport
 from scripts.benchmark.live.serial_cable import SerialCable
 from tests.controller.common.modbus_rig import IO_MAP, PATIENT_S
 from tests.plant_sim.links.plc.mc_plc import Handler1E, Handler3E, mc_plc
@@ -47,8 +47,8 @@ def assert_equal(module: IoModule, expected: Reference) -> None:
 def test_a_program_behind_a_modbus_tcp_server_drives_the_machine_like_the_twin(name: str) -> None:
     profile, expected = profile_of(name), reference()
     with modbus_plc(profile, ProgramOfPlc().scan) as port:
-        transport = TcpTransport("127.0.0.1", port, unit=1, timeout_s=PATIENT_S)
-        module = run_in_lock_step(ModbusPlc(profile, transport, output_count=OUTPUTS), profile, expected)
+        client = AsyncTcpClient("127.0.0.1", port, timeout_s=PATIENT_S)
+        module = run_in_lock_step(ModbusPlc(profile, client, output_count=OUTPUTS), profile, expected)
     assert_equal(module, expected)
     assert expected.counts.in_cups > 10
 
@@ -58,8 +58,8 @@ def test_a_complete_trial_behind_a_modbus_server_has_the_counts_of_the_twin() ->
     """Two trays: 134 seedlings in cups, 4 P, 3 D, 3 T."""
     profile, expected = profile_of("fx3u-registers"), reference(2, None)
     with modbus_plc(profile, ProgramOfPlc(2).scan) as port:
-        transport = TcpTransport("127.0.0.1", port, unit=1, timeout_s=PATIENT_S)
-        module = run_in_lock_step(ModbusPlc(profile, transport, output_count=OUTPUTS), profile, expected, trays=2)
+        client = AsyncTcpClient("127.0.0.1", port, timeout_s=PATIENT_S)
+        module = run_in_lock_step(ModbusPlc(profile, client, output_count=OUTPUTS), profile, expected, trays=2)
     assert_equal(module, expected)
     counts = module.plant.counts()
     assert (counts.in_cups, counts.P, counts.D, counts.T, counts.in_tray) == (134, 4, 3, 3, 0)
@@ -118,8 +118,8 @@ def serial_slave(name: str, path: str) -> Iterator[None]:
 def test_a_program_behind_a_serial_slave_drives_the_machine_like_the_twin(name: str) -> None:
     profile, expected = profile_of(name), homing(until_ms=2_000)
     with SerialCable() as cable, serial_slave(name, cable.ends[1]):
-        transport = RtuTransport(SerialLine(cable.ends[0], 115_200, "N", 1, UNIT), timeout_s=PATIENT_S)
-        module = run_in_lock_step(ModbusPlc(profile, transport, output_count=OUTPUTS), profile, expected)
+        client = AsyncRtuClient(SerialLine(cable.ends[0], 115_200, "N", 1, UNIT), timeout_s=PATIENT_S)
+        module = run_in_lock_step(ModbusPlc(profile, client, output_count=OUTPUTS), profile, expected)
     assert_equal(module, expected)
 
 

@@ -7,7 +7,8 @@ from statistics import median
 
 import pytest
 
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.common.modbus.io_map import IoMap
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant

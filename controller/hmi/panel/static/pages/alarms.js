@@ -94,7 +94,7 @@ function aside(text) {
 
 export class AlarmsPage {
   constructor() {
-    this.key = null;
+    this.key = this.newest = null;
     this.rows = [];
     this.all = new OrderButton(t("alarms.acknowledge_all"), { type: "acknowledge", alarm: null }, {
       data: { "data-command": "acknowledge_all" },
@@ -122,6 +122,11 @@ export class AlarmsPage {
       { recent, peak, most: app.describe.most_alarms, chattering: number("chattering"), standing: number("standing") }));
     const key = rows.map((row) => [row.number, row.state, row.first_out, row.follows, row.chattering, row.standing,
       row.shelved_until_ms].join("/")).join();
+    const newest = view.link.newest_alarm; // the history receives a change after the values
+    if (newest !== this.newest) {
+      if (this.newest !== null) void this.journal.load();
+      this.newest = newest;
+    }
     if (key !== this.key) {
       if (this.key !== null) void this.journal.load();
       this.key = key;

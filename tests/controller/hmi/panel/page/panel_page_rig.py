@@ -21,8 +21,8 @@ from controller.events.cycle_edges import CycleEdges
 from controller.events.kinds import Event
 from controller.events.production import ProductionLog
 from controller.history.writer import HistoryWriter
+from controller.hmi.access.server import HmiServer
 from controller.hmi.modbus.endpoint import HmiOptions
-from controller.hmi.modbus.server import HmiServer
 from controller.hmi.panel.orders.login import Cost, Users
 from controller.io.loop import LoopFigures, run_simulated_time
 from controller.io.modbus_tcp import ModbusTcpLink

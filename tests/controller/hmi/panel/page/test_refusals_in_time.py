@@ -16,6 +16,7 @@ from controller.core.scan import Plc
 from controller.hmi.panel.orders.jog_reasons import _LAST, jog_obstacle
 from controller.hmi.panel.orders.replies import REPLIES
 from controller.hmi.panel.view import texts
+from controller.hmi.panel.web.sockets import VIEW_MS
 from controller.program.operator.commands import JOGGED
 from controller.program.states import Mode, State
 from controller.program.texts.operator import LANGUAGES, Text
@@ -136,20 +137,32 @@ def shown_to_the_panel(live: LiveMachine, values: dict[Bit | Word, int]) -> Iter
         live.runtime.observers = observers
 
 
-TIME_A_PRESS: Final = """(output) => {
+TIME_A_PRESS: Final = """async (output) => {
+  const { app } = await import("/static/app.js");
   const button = document.querySelector(`main [data-jog='${output}']`);
   const reason = button.closest(".jog").querySelector("[role=alert]");
   window.shown = new Promise((resolve) => button.addEventListener("pointerdown", () => {
     const from = performance.now();
+    let last = from, gap = 0;
+    const note = () => {
+      gap = Math.max(gap, performance.now() - last);
+      last = performance.now();
+    };
+    app.link.addEventListener("view", note);
     const observer = new MutationObserver(() => {
       if (reason.textContent === "") return;
       observer.disconnect();
-      window.requestAnimationFrame(() => resolve({ ms: performance.now() - from, text: reason.textContent }));
+      window.requestAnimationFrame(() => {
+        note();
+        app.link.removeEventListener("view", note);
+        resolve({ ms: performance.now() - from, text: reason.textContent, gap });
+      });
     });
     observer.observe(reason, { childList: true, characterData: true, subtree: true });
   }, { once: true, capture: true }));
 }"""
-"""Script that measures from the next press of a jog until the frame in which its reason is drawn."""
+"""Script that measures from the next press of a jog until the frame in which its reason is drawn, and meanwhile the
+longest time without values of the machine: if the computer stops a process, both are longer."""
 UNTIL_READ: Final = """async (from_ms) => {
   const { app } = await import("/static/app.js");
   const times = new Set();
@@ -181,7 +194,7 @@ def test_the_reason_of_a_blocked_jog_is_shown_in_time(station: Station, maintain
     assert {rule.name for rule in rules_of(output)} - found.keys() <= NOT_IN_MANUAL_MODE
     ready_to_jog(maintain, station.live)
     station.live.pace.set(100)
-    times: dict[tuple[str, str], float] = {}
+    times: dict[tuple[str, str], tuple[float, float]] = {}
     bare: list[float] = []
     for language in LANGUAGES:
         select_language(maintain, language)
@@ -199,11 +212,11 @@ def test_the_reason_of_a_blocked_jog_is_shown_in_time(station: Station, maintain
                 maintain.page.mouse.up()
                 expected = getattr(situation.reason, language)
                 assert shown["text"].lower() == expected.lower(), name
-                times[language, name] = shown["ms"]
+                times[language, name] = shown["ms"], max(0.0, shown["gap"] - VIEW_MS)
                 expect(reason).to_be_empty()
     select_language(maintain, "en")
     limit_ms = max(LIMIT_MS, ROUND_TRIPS * max(bare))
-    slow = {situation: round(ms) for situation, ms in times.items() if ms > limit_ms}
+    slow = {situation: round(ms) for situation, (ms, stopped_ms) in times.items() if ms > limit_ms + stopped_ms}
     assert slow == {}, f"limit {limit_ms:.0f} ms; longest bare round trip {max(bare):.0f} ms"
 
 

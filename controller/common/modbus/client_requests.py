@@ -12,7 +12,8 @@ from typing import Final
 
 from pymodbus.constants import ExcCodes
 
-from controller.iomap.loader import ModbusTable
+from controller.common.modbus.client import EXCEPTION
+from controller.common.modbus.io_map import ModbusTable
 
 READ_FUNCTION: Final = {
     ModbusTable.COIL: 1,
@@ -26,8 +27,6 @@ DIAGNOSTICS: Final = 8
 WRITE_COILS: Final = 15
 WRITE_REGISTERS: Final = 16
 READ_WRITE_REGISTERS: Final = 23
-EXCEPTION: Final = 0x80
-"""Bit of the function code that marks an exception response."""
 _READS: Final = {1, 2, 3, 4, READ_WRITE_REGISTERS}
 _ADDRESS_AND_COUNT: Final = 5
 """Bytes of a write request that its answer repeats: function, address and count or value."""
@@ -62,9 +61,10 @@ class ModbusRequest:
     operation: str
     pdu: bytes
 
-    def accepts(self, answer: bytes) -> bool:
-        """Return True if a PDU has the function code of this request, or of its exception response."""
-        return bool(answer) and answer[0] & ~EXCEPTION == self.pdu[0]
+    @property
+    def function(self) -> int:
+        """Function code."""
+        return self.pdu[0]
 
     def data(self, answer: bytes) -> bytes:
         """Return the data of an answer to a read; empty for a write that is confirmed.
@@ -72,7 +72,7 @@ class ModbusRequest:
         Raises:
             AnswerError: The answer is an exception response, or not valid for this request.
         """
-        function = self.pdu[0]
+        function = self.function
         if answer[:1] == bytes([function | EXCEPTION]) and len(answer) == 2:
             raise ExceptionReplyError(answer[1])
         if answer[:1] != self.pdu[:1]:
@@ -89,7 +89,7 @@ class ModbusRequest:
         return answer[2:]
 
     def _check_confirmation(self, answer: bytes) -> None:
-        if self.pdu[0] == DIAGNOSTICS and answer != self.pdu:
+        if self.function == DIAGNOSTICS and answer != self.pdu:
             raise AnswerError("the echo differs")
         if answer[:_ADDRESS_AND_COUNT] != self.pdu[:_ADDRESS_AND_COUNT] or len(answer) != _ADDRESS_AND_COUNT:
             first, count = int.from_bytes(answer[1:3]), int.from_bytes(answer[3:5])

@@ -10,13 +10,13 @@ from collections.abc import Callable, Sequence
 
 from controller.common.connections import Traffic
 from controller.events.alarm_list import AlarmList
-from controller.hmi.access.devices import AccessSource
 from controller.hmi.access.machine import Audit, MachineAccess
-from controller.hmi.access.snapshot import Snapshots
 from controller.hmi.access.status_registers import LastCycles, StatusSource
 from controller.hmi.modbus.endpoint import HmiOptions, modbus_rtu, modbus_tcp, tls_context
+from controller.hmi.serving.devices import AccessSource
 from controller.hmi.serving.endpoints import Endpoint, TcpEndpoint, TcpSettings
 from controller.hmi.serving.server import DeviceServer
+from controller.hmi.serving.snapshot import Snapshots
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime

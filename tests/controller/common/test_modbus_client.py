@@ -1,0 +1,346 @@
+"""Client of Modbus: which received bytes are the answer to the last request, and what becomes of all others."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.common.modbus.async_client import AsyncRtuClient, AsyncTcpClient, ModbusClientError
+from controller.common.modbus.client import ClientFrames, RtuFrames, TcpFrames, answer_length
+from controller.common.modbus.mbap import HEADER
+from controller.common.modbus.rtu import SerialLine, framed
+from scripts.benchmark.live.serial_cable import SerialCable
+from tests.controller.common.modbus_rig import read_pdu
+
+UNIT = 17
+LIMIT_S = 60.0
+ANSWERS = {
+    "bits": (read_pdu(1, 0, 18), b"\x01\x03\x01\x02\x03"),
+    "registers": (read_pdu(3, 7, 2), b"\x03\x04\x01\x11\x01\x03"),
+    "confirmation": (b"\x0f\x00\x00\x00\x01\x01\x01", b"\x0f\x00\x00\x00\x01"),
+    "exception": (read_pdu(3, 7, 2), b"\x83\x02"),
+}
+"""Requests with their answers; some bytes of the data look like a unit and a function."""
+
+
+def tcp_answer(request: bytes, pdu: bytes) -> bytes:
+    transaction, _, _, unit = HEADER.unpack_from(request)
+    return HEADER.pack(transaction, 0, len(pdu) + 1, unit) + pdu
+
+
+def rtu_answer(request: bytes, pdu: bytes) -> bytes:
+    return framed(request[0], pdu)
+
+
+LINES: dict[str, tuple[type[ClientFrames], Callable[[bytes, bytes], bytes]]] = {
+    "TCP": (TcpFrames, tcp_answer),
+    "RTU": (RtuFrames, rtu_answer),
+}
+
+
+@pytest.mark.parametrize("name", ANSWERS)
+@pytest.mark.parametrize("line", LINES)
+def test_an_answer_is_accepted_once_and_only_when_it_is_complete(line: str, name: str) -> None:
+    (kind, answer), (request, pdu) = LINES[line], ANSWERS[name]
+    frames = kind()
+    frame = answer(frames.request(UNIT, request), pdu)
+    for n in range(len(frame)):
+        assert frames.answer() is None, f"{n} of {len(frame)} bytes"
+        frames.feed(frame[n : n + 1])
+    assert frames.answer() == pdu
+    frames.feed(frame)
+    assert line == "TCP" or frames.answer() is None
+
+
+def test_requests_are_framed_as_the_specifications_say() -> None:
+    """MBAP: transaction, protocol 0, bytes that follow, unit. RTU: unit and checksum; source: the example of 2.5.1."""
+    frames = TcpFrames()
+    assert frames.request(UNIT, read_pdu(1, 0, 18)).hex() == "000100000006110100000012"
+    assert frames.request(UNIT + 1, b"\x07").hex() == "0002000000021207"
+    assert RtuFrames().request(2, b"\x07").hex() == "02074112"
+
+
+@pytest.mark.parametrize("length", [1, 253])
+def test_on_tcp_the_shortest_and_the_longest_pdu_are_accepted(length: int) -> None:
+    frames = TcpFrames()
+    frames.feed(tcp_answer(frames.request(UNIT, read_pdu(1, 0, 18)), bytes(length)))
+    assert frames.answer() == bytes(length)
+
+
+def test_a_frame_that_is_no_answer_is_described_until_the_next_request() -> None:
+    frames = TcpFrames()
+    assert frames.other == ""
+    own = tcp_answer(frames.request(UNIT, read_pdu(1, 0, 18)), b"\x07")
+    frames.feed(own)
+    frames.answer()
+    assert frames.other == ""
+    frames.feed(own[:6] + bytes([UNIT + 1]) + own[7:])
+    assert frames.answer() is None
+    assert frames.other == "transaction 1, protocol 0, length 2 and unit 18"
+    frames.request(UNIT, read_pdu(1, 0, 18))
+    assert frames.other == ""
+    frames.feed(own[:2] + b"\x00\x01" + own[4:7])
+    assert frames.answer() is None
+    assert frames.other == "transaction 1, protocol 1, length 2 and unit 17"
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_nothing_is_an_answer_before_a_request(line: str) -> None:
+    kind, answer = LINES[line]
+    frames = kind()
+    frames.feed(answer(TcpFrames().request(UNIT, read_pdu(1, 0, 18)), b"\x01\x03\x01\x02\x03"))
+    assert frames.answer() is None
+
+
+@pytest.mark.parametrize("after", [b"", b"\x01", b"\x00\x01\x00\x00"])
+def test_on_tcp_a_late_answer_is_not_taken_for_that_of_the_next_request(after: bytes) -> None:
+    """The late answer arrives after the next request, whole or cut at its end, and its data differs."""
+    frames = TcpFrames()
+    late = tcp_answer(frames.request(UNIT, read_pdu(1, 0, 18)), b"\x01\x03\xff\xff\x03")
+    own = tcp_answer(frames.request(UNIT, read_pdu(1, 0, 18)), b"\x01\x03\x00\x00\x00")
+    frames.feed(late)
+    assert frames.answer() is None
+    other_unit = tcp_answer(own[:6] + bytes([UNIT + 1]), b"\x01\x03\xff\xff\x03")
+    frames.feed(other_unit + own + after)
+    assert frames.answer() == b"\x01\x03\x00\x00\x00"
+
+
+def test_on_tcp_nothing_is_accepted_after_a_header_of_another_protocol() -> None:
+    """The length in it cannot be trusted, so that the beginning of the next frame is not known."""
+    frames = TcpFrames()
+    own = tcp_answer(frames.request(UNIT, read_pdu(1, 0, 18)), b"\x01\x03\x00\x00\x00")
+    for wrong in (own[:2] + b"\x00\x01" + own[4:], own[:4] + b"\x00\x01" + own[6:], own[:4] + b"\x00\xff" + own[6:]):
+        frames.feed(wrong + own)
+        assert frames.answer() is None
+        frames.discard()
+    frames.feed(own)
+    assert frames.answer() == b"\x01\x03\x00\x00\x00"
+
+
+@pytest.mark.parametrize("name", ANSWERS)
+@given(noise=st.binary(max_size=6))
+def test_on_a_line_noise_before_an_answer_does_not_hide_it(name: str, noise: bytes) -> None:
+    """The noise may look like the beginning of a longer answer: it is found with the next bytes, or not at all."""
+    request, pdu = ANSWERS[name]
+    frames = RtuFrames()
+    frame = rtu_answer(frames.request(UNIT, request), pdu)
+    frames.feed(noise)
+    frames.feed(frame)
+    assert frames.answer() in (pdu, None)
+    frames.request(UNIT, request)
+    frames.feed(b"\x00" * 3 + frame)
+    assert frames.answer() == pdu
+
+
+def test_on_a_line_bytes_before_a_request_are_no_answer_to_it() -> None:
+    """A late answer has the same unit and function."""
+    frames = RtuFrames()
+    late = rtu_answer(frames.request(UNIT, read_pdu(3, 7, 2)), b"\x03\x04\xff\xff\xff\xff")
+    frames.feed(late)
+    own = rtu_answer(frames.request(UNIT, read_pdu(3, 9, 2)), b"\x03\x04\x00\x01\x00\x02")
+    assert frames.answer() is None
+    frames.feed(own)
+    assert frames.answer() == b"\x03\x04\x00\x01\x00\x02"
+
+
+def test_on_a_line_the_answer_after_a_damaged_one_is_found() -> None:
+    frames = RtuFrames()
+    own = rtu_answer(frames.request(UNIT, read_pdu(3, 7, 2)), b"\x03\x04\x00\x01\x00\x02")
+    frames.feed(own[:-1] + bytes([own[-1] ^ 1]) + own)
+    assert frames.answer() == b"\x03\x04\x00\x01\x00\x02"
+
+
+@pytest.mark.parametrize(("count", "is_answer"), [(251, True), (252, False)])
+def test_on_a_line_an_answer_has_at_most_256_bytes(count: int, *, is_answer: bool) -> None:
+    frames = RtuFrames()
+    pdu = bytes([3, count, *bytes(count)])
+    frames.feed(rtu_answer(frames.request(UNIT, read_pdu(3, 0, 125)), pdu))
+    assert frames.answer() == (pdu if is_answer else None)
+
+
+@pytest.mark.parametrize("bit", range(8))
+def test_on_a_line_no_changed_bit_is_accepted(bit: int) -> None:
+    request, pdu = ANSWERS["registers"]
+    for index in range(len(framed(UNIT, pdu))):
+        frames = RtuFrames()
+        frame = bytearray(rtu_answer(frames.request(UNIT, request), pdu))
+        frame[index] ^= 1 << bit
+        frames.feed(bytes(frame))
+        assert frames.answer() is None, f"bit {bit} of byte {index}"
+
+
+@pytest.mark.parametrize(
+    ("received", "length"),
+    [
+        *((bytes([1, function, 4]), 9) for function in (1, 2, 3, 4, 23)),
+        *((bytes([1, function, 4]), 8) for function in (5, 6, 8, 15, 16)),
+        *((bytes([1, function | 0x80, 2]), 5) for function in (1, 23)),
+    ],
+)
+def test_lengths_of_serial_answers(received: bytes, length: int) -> None:
+    assert answer_length(received) == length
+
+
+def test_frames_on_a_line_are_accepted_only_with_unit_and_checksum() -> None:
+    """Another unit, an invalid checksum and half an answer are not answers; the next exchange is not disturbed by late
+    ones.
+    """
+
+    async def exchange(cable: SerialCable) -> None:
+        client = AsyncRtuClient(SerialLine(cable.ends[0], 115_200, "N", 1, UNIT), timeout_s=0.2)
+        await client.open()
+        loop = asyncio.get_running_loop()
+        device = SerialLine(cable.ends[1], 115_200, "N", 1).open()
+
+        def answer_with(data: bytes) -> None:
+            if device.read(300):
+                device.write(data)
+
+        valid = framed(UNIT, b"\x01\x03\x01\x02\x03")
+        for wrong in (framed(18, valid[1:-2]), valid[:-1] + bytes([valid[-1] ^ 1]), valid[:4]):
+            loop.add_reader(device.fileno(), answer_with, wrong)
+            with pytest.raises(ModbusClientError, match="no valid answer"):
+                await client.request(read_pdu(1, 0, 18))
+        loop.add_reader(device.fileno(), answer_with, valid)
+        assert await client.request(read_pdu(1, 0, 18)) == valid[1:-2]
+        loop.remove_reader(device.fileno())
+        device.close()
+        client.close()
+
+    with SerialCable() as cable:
+        asyncio.run(exchange(cable))
+
+
+Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+async def with_server(serve: Serve, use: Callable[[AsyncTcpClient], Awaitable[None]], timeout_s: float) -> None:
+    running = begun = 0
+
+    async def session(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal running, begun
+        running, begun = running + 1, begun + 1
+        await serve(reader, writer)
+        writer.transport.abort()
+        running -= 1
+
+    async with await asyncio.start_server(session, "127.0.0.1", 0) as server:
+        client = AsyncTcpClient("127.0.0.1", server.sockets[0].getsockname()[1], timeout_s=timeout_s, unit=UNIT)
+        await client.open()
+        assert client.is_open
+        await use(client)
+        client.close()
+        while running or not begun:
+            await asyncio.sleep(0)
+
+
+def test_on_tcp_a_request_without_an_answer_closes_the_connection() -> None:
+    """The late answer arrives on the closed connection; the client must be opened again."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(100)
+        with suppress(ConnectionError):
+            await reader.read(100)  # until the connection ends
+
+    async def use(client: AsyncTcpClient) -> None:
+        with pytest.raises(ModbusClientError, match="no answer within 50 ms"):
+            await client.request(read_pdu(1, 0, 18))
+        assert not client.is_open
+        with pytest.raises(ModbusClientError, match="not connected"):
+            await client.request(read_pdu(1, 0, 18))
+
+    asyncio.run(with_server(serve, use, timeout_s=0.05))
+
+
+def test_on_tcp_a_cancelled_request_closes_the_connection() -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(ConnectionError):
+            while await reader.read(100):
+                pass
+
+    async def use(client: AsyncTcpClient) -> None:
+        request = asyncio.ensure_future(client.request(read_pdu(1, 0, 18)))
+        await asyncio.sleep(0)
+        request.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await request
+        assert not client.is_open
+
+    asyncio.run(with_server(serve, use, timeout_s=60.0))
+
+
+def test_on_tcp_the_end_of_the_connection_is_told_at_once() -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(100)
+
+    async def use(client: AsyncTcpClient) -> None:
+        with pytest.raises(ModbusClientError, match="connection closed by the server"):
+            await client.request(read_pdu(1, 0, 18))
+
+    asyncio.run(with_server(serve, use, timeout_s=60.0))
+
+
+def test_an_answer_that_has_arrived_counts_even_if_the_event_loop_looks_late() -> None:
+    """The computer stops the client for longer than the timeout; the answer arrives meanwhile."""
+    answered = threading.Event()
+
+    def serve(listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        with connection:
+            connection.sendall(tcp_answer(connection.recv(100), b"\x07"))
+            answered.set()
+            connection.recv(100)
+
+    async def use(port: int) -> None:
+        client = AsyncTcpClient("127.0.0.1", port, timeout_s=0.05)
+        await client.open()
+        request = asyncio.ensure_future(client.request(read_pdu(1, 0, 18)))
+        await asyncio.sleep(0)
+        answered.wait(LIMIT_S)
+        threading.Event().wait(0.1)
+        assert await request == b"\x07"
+        client.close()
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        server = threading.Thread(target=serve, args=(listener,))
+        server.start()
+        listener_port = listener.getsockname()[1]
+        asyncio.run(use(listener_port))
+        server.join(LIMIT_S)
+
+
+def test_to_open_an_open_connection_closes_the_first_one() -> None:
+    begins = ends = 0
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal begins, ends
+        begins += 1
+        with suppress(ConnectionError):
+            await reader.read(100)
+        ends += 1
+
+    async def use(client: AsyncTcpClient) -> None:
+        await client.open()
+        while begins < 2 or not ends:
+            await asyncio.sleep(0)
+        assert client.is_open
+
+    asyncio.run(with_server(serve, use, timeout_s=60.0))
+    assert ends >= 1
+
+
+def test_a_server_that_is_not_there_is_told() -> None:
+    async def open_it() -> None:
+        client = AsyncTcpClient("127.0.0.1", 1, timeout_s=60.0)
+        with pytest.raises(ModbusClientError, match="Connect call failed"):
+            await client.open()
+        assert not client.is_open
+
+    asyncio.run(open_it())
