@@ -28,7 +28,7 @@ COMMAND_LINE = CommandLine(
         "faults": ("plant_sim.cli.faults", "inject every fault in turn and tabulate how it is detected"),
         "stories": (
             "plant_sim.cli.stories",
-            "play stories with mutants of the program, for 'controller prove --mutants'",
+            "play random stories of faults and actions, or stories with mutants, for 'controller prove --mutants'",
         ),
         "replay": ("plant_sim.cli.replay", "drive the plant with captured outputs and compare the inputs"),
         "plot": ("plant_sim.cli.plot", "draw the timing diagram and the curves of a recording"),

@@ -1,4 +1,7 @@
-"""Command ``stories``: play the stories with mutants of the program, read as lines of JSON from standard input."""
+"""Command ``stories``: play the stories with mutants of the program, or random stories whose harm is judged.
+
+Without options, mutants are read as lines of JSON from standard input, as ``controller prove --mutants`` sends them.
+"""
 
 from __future__ import annotations
 
@@ -10,28 +13,68 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
 from controller.common.errors import InputError
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.verify.mutants.sample import mutants_of
+from plant_sim.cli.options import check_seed
+from plant_sim.fault_matrix.cases import Subject, part_of
+from plant_sim.fault_matrix.judge import expectation
+from plant_sim.faults import FAULTS
 from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
+from plant_sim.stories.drawn.action import Deed, StoryAction, parse_story
+from plant_sim.stories.drawn.report import StoryRun, sighting_lines
+from plant_sim.stories.drawn.verdict import FINDINGS, AcceptedHarm
 from plant_sim.stories.judge import Judge
+
+MOST_STORIES = 100_000
+FREED = {("jammed", "lift"): ("dropping_arm", "lift"), ("jammed", "slide"): ("stuck_valve", "slide")}
+"""Faults with whose harm a jam may end that is freed under pressure: the device jumps (docs/stored-air.md)."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``stories``."""
     parser.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="I/O map of the machine")
     parser.add_argument("--machine", type=Path, default=DEFAULT_MACHINE, help="parameters of the machine")
+    parser.add_argument(
+        "--random",
+        type=int,
+        default=None,
+        metavar="N",
+        help="play N random stories of faults and actions instead, and report harm and coverage",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="with --random: seed of all stories")
+    parser.add_argument(
+        "--undirected",
+        action="store_true",
+        help="with --random: draw every action uniformly, without regard to the coverage, for comparison",
+    )
+    parser.add_argument("--replay", default=None, metavar="STORY", help="play one random story, as a report prints it")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Read mutants and print, for each, the story that kills it.
+    """Read mutants and print, for each, the story that kills it; or play random stories and print a report.
+
+    Returns:
+        1 if a random story has a finding: a violated requirement, an exception, a machine that does not work again, or
+        silent harm without a known cause. Else 0.
 
     Raises:
         IoMapError: The I/O map is invalid.
         MachineError: The machine parameters are invalid.
-        InputError: A line does not name a mutant of the program.
+        InputError: A line does not name a mutant of the program, or an option is invalid.
     """
+    if options.undirected and options.random is None:
+        raise InputError("--undirected: applies only with --random N")
+    if options.replay is not None and options.random is not None:
+        raise InputError("--replay: plays one story; omit --random")
+    if options.replay is not None:
+        return _replay(options)
+    if options.random is not None:
+        return _play_random(options)
     logging.disable(logging.CRITICAL)  # a mutant may make an observer of its events fail in every story
     for line in killers(options, sys.stdin):
         print(line, flush=True)
@@ -54,3 +97,64 @@ def killers(options: argparse.Namespace, lines: Iterable[str]) -> Iterator[str]:
             raise InputError(f"standard input, line {number}: not a mutant of this program; send its number and name")
         killed = judge.killed(replace(machine, program=mutant.program), mutant.block)
         yield json.dumps({"number": mutant.number, "killed": killed})
+
+
+def _replay(options: argparse.Namespace) -> int:
+    story = parse_story(options.replay)
+    sighting = story_run(options).replay(story)
+    for line in sighting_lines(sighting):
+        print(line)
+    return int(sighting.of_story in FINDINGS)
+
+
+def _play_random(options: argparse.Namespace) -> int:
+    if not 1 <= options.random <= MOST_STORIES:
+        raise InputError(f"--random {options.random}: must be 1 to {MOST_STORIES}")
+    check_seed(options)
+    stories = story_run(options)
+    columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task("", total=options.random)
+        for number in range(options.random):
+            stories.play(number)
+            progress.update(task, advance=1)
+        stories.minimise_findings(tell=lambda name: progress.update(task, description=f"minimising {name}"))
+    for line in stories.report.lines():
+        print(line)
+    return int(bool(stories.report.findings))
+
+
+def story_run(options: argparse.Namespace) -> StoryRun:
+    """Return a run of random stories with the program and the plant of the options.
+
+    Raises:
+        IoMapError: The I/O map is invalid.
+        MachineError: The machine parameters are invalid.
+    """
+    machine, parameters = build(load_io_map(options.io_map)), load_machine(options.machine)
+    run = StoryRun(machine, parameters, accepted_harm, seed=options.seed, directed=not options.undirected)
+    defaults = {"io_map": DEFAULT_IO_MAP, "machine": DEFAULT_MACHINE}
+    others = {name: getattr(options, name) for name, path in defaults.items() if getattr(options, name) != path}
+    run.report.files = tuple(
+        word for name, path in others.items() for word in (f"--{name.replace('_', '-')}", str(path))
+    )
+    return run
+
+
+def accepted_harm(action: StoryAction) -> AcceptedHarm:
+    """Return the harm after an action that no program can prevent, as the tables of the fault matrix expect it."""
+    if action.deed is not Deed.FAULT:
+        like = {Deed.SPEED: ("jammed", "cups"), Deed.AIR: ("low_supply", "supply")}.get(action.deed)
+        return _expected(*like) if like is not None else AcceptedHarm(frozenset(), loses=False)
+    kind = action.kind
+    part = FAULTS[kind].target if FAULTS[kind].permanent else part_of(action.target.partition(":")[2])
+    own, freed = _expected(kind, part, action.size), FREED.get((kind, part))
+    if freed is None:
+        return own
+    jump = _expected(*freed)
+    return AcceptedHarm(own.kinds | jump.kinds, own.loses or jump.loses)
+
+
+def _expected(kind: str, part: str, size: float | None = None) -> AcceptedHarm:
+    expected = expectation(Subject(kind, part, size, ()))
+    return AcceptedHarm(expected.harm, expected.loses)

@@ -319,6 +319,19 @@ class Conveyor(View, Saved):
         self._is_taken_off = True
         self.beam.detect(any(0.0 <= front_m < self._spec.tray_length_m for front_m in self.front_m.values()))
 
+    def push(self, way_m: float) -> None:
+        """Push all trays with the belt by hand; the motor yields, and the drive does not notice.
+
+        Args:
+            way_m: Way forward, m; negative = backward, as far as the magazine permits.
+        """
+        state = self.state
+        way_m = max(way_m, float(self.params["stop_m"]) - float(state["belt_m"]))
+        for travel in ("asked_m", "belt_m", "trays_m"):
+            state[travel] += way_m
+        fronts_m = (self.trays_m + seat_m for seat_m in self._seats_m.values())
+        self.beam.detect(any(0.0 <= front_m < self._spec.tray_length_m for front_m in fronts_m))
+
     def _remove(self, number: int) -> None:
         del self._seats_m[number]
         self.skewed_m.pop(number, None)

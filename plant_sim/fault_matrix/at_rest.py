@@ -25,7 +25,7 @@ from plant_sim.fault_matrix.situations import TRAY_SWITCH, come_to_rest, twin_at
 from plant_sim.fault_matrix.stops import StopKind
 from plant_sim.faults import Fault
 from plant_sim.twin.lock_step import NotReachedError, Twin
-from plant_sim.twin.monitors import collect_violations
+from plant_sim.twin.monitors import STOP_ALARMS, collect_violations
 from plant_sim.twin.recovery import HOMING_LIMIT_MS, answer_truly, begin_homing, questions
 from plant_sim.twin.trial import ROWS_A_TRAY
 
@@ -35,8 +35,6 @@ UNAWARE_MS: Final = 500
 START_LIMIT_MS: Final = 1_000
 ANSWERS: Final = 2
 """Number of times that the operator homes a machine that asks, before he looks for a fault."""
-OF_STOPS: Final = ("emergency_stop", "link_lost")
-"""Alarms of the stops themselves."""
 
 
 class RestCase(NamedTuple):
@@ -207,7 +205,7 @@ def _note_signal(twin: Twin, outcome: RestOutcome, since: int, struck_ms: int) -
         name = ""
         if isinstance(event, AlarmEvent) and event.active:
             alarm = twin.machine.alarms.of(event.number)
-            name = alarm.key if alarm.key not in OF_STOPS and alarm.stops_work else ""
+            name = alarm.key if alarm.key not in STOP_ALARMS and alarm.stops_work else ""
         elif isinstance(event, StateEvent) and event.state == State.SUSPENDED:
             name = "suspended"
         if name:

@@ -20,6 +20,8 @@ from plant_sim.machine.plant import ArmPlant, Event
 from plant_sim.twin.conditions import Advances, Quantity
 from plant_sim.twin.lock_step import Twin
 
+STOP_ALARMS = ("emergency_stop", "link_lost")
+"""Alarms of the stops themselves: they tell the operator nothing of a fault that occurs during the stop."""
 INDICATORS = ("horn", "lamp_red", "lamp_amber", "lamp_green")
 """Outputs that do not drive an actuator."""
 CREEP_M = 0.002
