@@ -17,6 +17,7 @@ from controller.fx.language.special_devices import PROVIDED
 from controller.io.durability import MEANINGS, Durability, durability
 from controller.program.alarms.guide import likely_causes
 from controller.program.alarms.table import Alarm, Severity
+from controller.program.known_since import End, beliefs
 from controller.program.machine import Transplanter
 from controller.program.operator.refusals import Refusal
 from controller.program.requirements.proof import specification
@@ -267,6 +268,22 @@ def _span(kind: str, span: range) -> str:
     return f"{kind}{span[0]}" if len(span) == 1 else f"{kind}{span[0]} to {kind}{span[-1]}"
 
 
+def belief_table(machine: Transplanter) -> str:
+    """Return a table of what the program believes, what ends each belief, and how it is known again."""
+    rows = [
+        (belief.name, *(belief.ends.get(end) or f"kept: {belief.kept[end]}" for end in End))
+        for belief in beliefs(machine.tags)
+    ]
+    conditions = [(belief.name, readable(belief.known)) for belief in beliefs(machine.tags)]
+    return (
+        f"# Known since\n\n{GENERATED}\n\nNo input shows these facts at any time: the program measured them, or a "
+        "person answered. Events after which one may be wrong end it; it is then measured again within a homing that a "
+        "person has ordered, or asked ([ADR 61](../adr/0061-known-since.md)).\n\n"
+        f"{reference_table(('belief', *End), *rows)}\n## Conditions\n\n"
+        f"{reference_table(('belief', 'holds while'), *conditions)}"
+    )
+
+
 def instruction_table(_: Transplanter) -> str:
     """Return a table of all instructions, supported or not, and a table of the supported special devices."""
     rows = []
@@ -294,6 +311,7 @@ REFERENCE = {
     "states.md": state_tables,
     "interlocks.md": interlock_tables,
     "devices.md": device_table,
+    "known-since.md": belief_table,
     "instructions.md": instruction_table,
 }
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Final
 
 from controller.cli.machine import add_io_map, add_start_values, machine_of, start_values
 from controller.cli.run_field import (
@@ -24,6 +25,7 @@ from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION
 from controller.common.file_lock import FileLockError, lock_file
+from controller.common.modbus.io_map import IoMap
 from controller.common.real_time import (
     RealTimeError,
     add_real_time_arguments,
@@ -50,6 +52,9 @@ from controller.io.runtime import Runtime
 from controller.iomap.digest import map_digest
 from controller.program.machine import Transplanter
 from controller.program.tags import FORGOTTEN
+
+LAMP: Final = "lamp_amber"
+"""Lamp that shows a question to the operator of a machine without a panel."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -135,6 +140,7 @@ def run(options: argparse.Namespace) -> int:
     pace = _pace(options)
     with ExitStack() as stack:
         store = stack.enter_context(_memory(machine, plc, options))
+        _report_lamp(machine.io_map)
         stack.callback(link.close)
         # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
         writer = stack.enter_context(writer_until_end(store, threaded=pace is None))
@@ -199,6 +205,18 @@ def _capture(plc: CapturedPlc, runtime: Runtime, options: argparse.Namespace) ->
 
     runtime.observers.append(lambda now_ms, _: plc.released(now_ms, runtime.released))
     return plc.begin(writer, scan_ms=options.scan_ms)
+
+
+def _report_lamp(io_map: IoMap) -> None:
+    """Report a map without the amber lamp: the buttons answer a question only while a lamp or a panel shows it."""
+    if LAMP in io_map:
+        return
+    address = next((f" ({point.address})" for point in io_map.unwired if point.tag == LAMP), "")
+    print(
+        f"{LAMP}{address} is not wired in {io_map.path}: questions need a panel or a command",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def _report_ready(runtime: Runtime, stack: ExitStack) -> None:

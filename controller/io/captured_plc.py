@@ -117,6 +117,8 @@ class ReplayDifference:
 def replay(capture: Capture, plc: Plc) -> tuple[int, ReplayDifference | None]:
     """Scan a program with captured inputs until its outputs differ; return the number of scans and the difference.
 
+    The last scan of a capture that was not closed may lack its outputs and is not compared.
+
     Raises:
         CaptureError: The capture has no scans of a controller, or an unknown device.
     """
@@ -142,7 +144,8 @@ def replay(capture: Capture, plc: Plc) -> tuple[int, ReplayDifference | None]:
                 held = bool(entry.value)
         count += 1
         image = tuple(plc.scan(at_ms, levels)[: len(outputs)])
-        if not held and image != outputs:
+        is_whole = capture.is_closed or at_ms < capture.end_ms
+        if is_whole and not held and image != outputs:
             return count, ReplayDifference(count, at_ms, line, outputs, image)
     return count, None
 

@@ -98,7 +98,8 @@ def cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
         Set(a.cups_confirmed, when=all_of(steps["release delay"], a.release_missed, ~machine.cup_fault)),
         OnDelay(a.t_no_cups, sp.no_cups, when=waiting & ~a.cup),
         Out(a.no_cups, when=a.t_no_cups.done),
-        Out(a.park, when=machine.holding | (machine.stopping & a.no_cups)),
+        # while an alarm of the cups is set, no row is released
+        Out(a.park, when=machine.holding | (machine.stopping & (a.no_cups | machine.cup_fault))),
     ]
 
 

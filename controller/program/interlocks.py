@@ -94,9 +94,10 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ),
         (
             "tray in place",
-            "the arm moves in only over a tray at rest",
+            "the arm moves in only over a tray at rest whose place is known",
             ("slide_inward",),
-            all_of(tray.phase.equals(IN_PLACE), tray.edge, ~tray.ask, ~tray.want_run, ~tray.want_creep),
+            all_of(tray.phase.equals(IN_PLACE), tray.edge, ~tray.ask, ~tray.want_run, ~tray.want_creep)
+            & (tray.place_known | machine.jogging),
         ),
         (
             "stop at the row",
@@ -280,7 +281,8 @@ def _signals(machine: MachineTags, amber: Expr, due: tuple[Bit, ...]) -> Expr:
     """
 
     def on(timer: Timer, first_ms: int, for_ms: int) -> Expr:
-        return (timer.value >= first_ms // MS_100) & (timer.value < (first_ms + for_ms) // MS_100)
+        ends = timer.value < (first_ms + for_ms) // MS_100
+        return ends if first_ms == 0 else (timer.value >= first_ms // MS_100) & ends
 
     question, lamp, refused = machine.question, machine.t_question_lamp, machine.t_refused_lamp
     flashes = (

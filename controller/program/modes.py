@@ -18,6 +18,9 @@ from controller.program.tags import FIRST_SCAN, IN_PLACE, MOVING_OUT, STEPPED, T
 
 STEP_PRESS_MS = 2_000
 """Time after which an unused press in step mode expires, ms, so that motion does not start long after the press."""
+NO_MOTION_MS = 300
+"""Time without motion, and with inputs that are read, after which a place ends with its switch, ms; longer than input
+filters and the stroke of an actuator that comes to rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,5 +241,7 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
         Out(machine.jogging, when=all_of(machine.manual, state.equals(State.EXECUTE), ~machine.abort)),
         Out(machine.motion, when=any_of(*(state.equals(s) for s in MOVING)) & ~machine.abort),
         Out(machine.line_clear, when=_line_clear(tags)),
+        OnDelay(machine.t_no_motion, NO_MOTION_MS, when=~machine.motion & ~tags.system.link_lost),
+        Out(machine.places_checked, when=machine.t_no_motion.done | machine.entered_resetting),
     ]
     return Block("modes", tuple(rungs))

@@ -3,9 +3,10 @@
 A switch alone does not confirm a place, because it can fail on at any time, also while the machine rests. A place is
 *reached* if its switch comes on while the device is driven and not sooner than the device can be there, or if the
 device has been driven to that end for the time of a full stroke. It remains reached until a coil drives the device
-away. A place is confirmed while it is reached and its switch is the only one of its device that is on. Without this
-check a stuck switch would end a motion halfway: the arm would move out to feed while still in the tray, or down before
-it is over the cups. An implausible switch confirms no place, so the step waits and an alarm names the switches.
+away, or until its switch is not on at rest, because a person has moved the device. A place is confirmed while it is
+reached and its switch is the only one of its device that is on. Without this check a stuck switch would end a motion
+halfway: the arm would move out to feed while still in the tray, or down before it is over the cups. An implausible
+switch confirms no place, so the step waits and an alarm names the switches.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ class SwitchedDevice:
             arrived = under_way & any_of(*plausible)
             if place.towards is not None:
                 arrived = arrived | (pressed.done & place.towards)
-            yield Rst(place.reached, when=machine.entered_resetting & ~self.alone(switch))
+            yield Rst(place.reached, when=machine.places_checked & ~self.alone(switch))
             yield Set(place.reached, when=self.alone(switch) & arrived)
             yield Out(place.here, when=self.alone(switch) & place.reached)
         for switch, place in self.places.items():

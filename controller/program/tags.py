@@ -158,6 +158,10 @@ class MachineTags:
         )
         self.confirm_ready = m.bit("confirmation possible", "X25 seen released since the start")
         self.confirming = m.bit("confirming", "X25 pressed to confirm the constants")
+        self.places_checked = m.bit(
+            "places checked", "a place whose switch is not on, or not alone, is lost: at rest, and when homing begins"
+        )
+        self.t_no_motion = Timer(135, "no motion", "time without permitted motion, with the link")
         self.t_start = Timer(131, "start closed", "time for which X0 is closed")
         self.t_question_lamp = Timer(132, "question lamp", "cycle of the flashes that number a question")
         self.t_refused_lamp = Timer(133, "refusal lamp", "time for which the lamp shows a refused press")

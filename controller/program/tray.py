@@ -14,6 +14,7 @@ from controller.core.rungs import Inc, Mov, OnDelay, Out, Rst, Rung, Set, ZoneRe
 from controller.core.sequence import Dwell, Sequence, Step, Timeout, To
 from controller.program.alarms.limits import TRAY_OUT_LIMIT_MS
 from controller.program.alarms.table import Annunciators
+from controller.program.states import State
 from controller.program.tags import (
     COMING,
     FIRST_SCAN,
@@ -111,9 +112,13 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
     # a tray that is under the sensor but has not settled may have overrun
     unsettled = t.edge & (t.phase.equals(NO_TRAY) | t.phase.equals(COMING))
     doubt = any_of(unsettled, t.phase.equals(FORGOTTEN), t.phase.equals(IN_PLACE) & ~t.edge)
+    perhaps_moved = t.phase.equals(IN_PLACE) & ~t.place_known
+    # with the arms at home, the tray can be compared with its mark, and no row changes any more
+    asks = any_of(machine.entered_resetting & doubt, all_of(machine.resetting, homed, perhaps_moved))
     accepted = t.ask & (~machine.motion | machine.resetting)  # rows must not change under an active arm
     full = (accepted & commands.tray_full & t.edge) | commands.rows_full
     none = accepted & commands.tray_none
+    same = all_of(accepted, commands.tray_same, t.edge, t.phase.equals(IN_PLACE))
     real = ~tags.system.link_lost
     jogged = machine.jogs["tray_run"] & t.driven["tray_run"]
     return [
@@ -135,9 +140,13 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not a row in progress
         *(Mov(TAKEN, row, when=none) for row in rows),
         Mov(IN_PLACE, t.phase, when=full),
-        Rst(t.ask, when=full | none | (accepted & commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
+        Set(t.place_known, when=all_of(accepted, t.edge, commands.tray_full | same)),
+        Rst(t.ask, when=any_of(full, none, same)),
+        Rst(
+            t.place_known, when=any_of(t.phase.equals(MOVING_OUT), machine.manual, machine.state.equals(State.ABORTED))
+        ),
         Mov(COMING, t.phase, when=real & ~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
-        Set(t.ask, when=jogged | all_of(machine.entered_resetting, ~machine.manual, doubt)),
+        Set(t.ask, when=jogged | (~machine.manual & asks)),
         Out(machine.target_reached, when=sp.trays_target.differs(0) & (machine.trays_done >= sp.trays_target)),
         Out(t.needed, when=t.phase.differs(IN_PLACE) & _wanted(tags)),
         Out(
@@ -146,7 +155,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         ),
         Out(t.missing, when=feeder["no tray"] & ~machine.complete_ordered),
         Out(t.at_rest, when=t.fault | feeder["no tray"] | ~any_of(*(bit for bit, _ in feeder if bit != feeder.first))),
-        Out(t.ready, when=t.missing | machine.target_reached | t.phase.equals(IN_PLACE)),
+        Out(t.ready, when=any_of(t.missing, machine.target_reached, t.phase.equals(IN_PLACE)) & ~perhaps_moved),
     ]
 
 
@@ -169,16 +178,18 @@ def _wanted(tags: Tags) -> Expr:
 def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
     """Return the block that follows the sequences: phase, rows of a new tray, creep pulses."""
     t, arms = tags.tray, tags.arms
-    arrived = all_of(feeder["settle"], t.t_settle.done, t.edge, t.phase.differs(IN_PLACE))
+    settled = all_of(feeder["settle"], t.t_settle.done, t.edge, t.phase.differs(IN_PLACE))
+    arrived = settled & t.place_known
     in_the_gap = feeder["tray in the gap"] & t.t_met.done
     unawaited = feeder["no tray"] & (tags.machine.start_requested | tags.machine.entered_starting)
     rows = [arm.rows[row] for arm in arms.values() for row in ROWS]
     return Block(
         "tray memory",
         (
+            Set(t.place_known, when=all_of(feeder["creep"], t.edge, t.driven["tray_forward"])),
             *(Mov(FULL, row, when=arrived) for row in rows),
             Mov(IN_PLACE, t.phase, when=arrived),
-            Out(t.met, when=t.edge & any_of(in_the_gap, unawaited)),
+            Out(t.met, when=t.edge & any_of(in_the_gap, unawaited, settled & ~t.place_known)),
             OnDelay(t.t_on, CREEP_RUN_MS, when=feeder["creep"] & ~t.t_off.done),
             OnDelay(t.t_off, CREEP_PAUSE_MS, when=t.t_on.done),
         ),

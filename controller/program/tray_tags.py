@@ -37,6 +37,11 @@ class TrayTags:
             "unexpected", "a tray reached the front edge sensor while the belt was not creeping, this scan"
         )
         self.leaves = m.bit("leaves", "the tray is released to be conveyed out, this scan")
+        self.place_known = m.bit(
+            "place known",
+            "the tray in place has been measured, or confirmed by the operator, since the last Aborted, manual mode "
+            "and power-up",
+        )
         self.t_index = t10.timer("index", "full speed into the gap behind a tray")
         self.t_settle = t10.timer("settle", "tray at rest")
         self.t_on = t10.timer("creep on", "creep: run time of a pulse")

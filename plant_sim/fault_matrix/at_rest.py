@@ -183,6 +183,9 @@ def _go_on(twin: Twin, stop: StopKind, book: Outcome) -> None:
         if twin.runs_until(executing, for_ms=START_LIMIT_MS):
             return
     for _ in range(ANSWERS + 1):
+        book.asked += answer_truly(twin)  # the buttons do not home while a question is shown
+        if questions(twin):
+            break
         begin_homing(twin)
         twin.run_until_state(State.IDLE, State.HELD, State.ABORTED, within_ms=HOMING_LIMIT_MS)
         if twin.state is not State.HELD or not questions(twin):

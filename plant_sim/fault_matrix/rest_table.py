@@ -12,7 +12,6 @@ from plant_sim.fault_matrix.at_rest import KINDS, RestCase, RestOutcome, run_at_
 from plant_sim.fault_matrix.rest_report import RestResult
 from plant_sim.fault_matrix.run import MatrixSetup, undisturbed
 from plant_sim.fault_matrix.situations import (
-    ARM_SWITCHES,
     TRAY_SWITCH,
     Situation,
     Spell,
@@ -21,6 +20,7 @@ from plant_sim.fault_matrix.situations import (
 )
 from plant_sim.fault_matrix.stops import STOPS, StopKind
 from plant_sim.faults import FaultError
+from plant_sim.machine.arm import ARM_SWITCHES
 
 PERIOD_MS: Final = 1_000
 """Period of the trial that is searched for situations in one job, ms."""

@@ -9,19 +9,9 @@ from controller.core.expr import Bit
 from controller.program.tags import SIDES, ArmTags, Side
 from plant_sim.fault_matrix.run import MatrixSetup, undisturbed
 from plant_sim.fault_matrix.stops import STOPS, StopKind
+from plant_sim.machine.arm import ARM_SWITCHES
 from plant_sim.twin.lock_step import SCAN_MS, Twin, TwinSnapshot
 
-ARM_SWITCHES: Final = (
-    "lift_down",
-    "lift_up",
-    "slide_at_feed",
-    "slide_at_pick_1",
-    "slide_at_pick_2",
-    "slide_at_pick_3",
-    "claws_spread",
-    "claws_converged",
-)
-"""Switches of an arm; the cup sensors are not among them, because they do not report a place."""
 TRAY_SWITCH: Final = "tray_front_edge"
 SEARCH_MS: Final = 40
 """Distance of the moments at which situations are searched, ms. For the default machine, a search in every scan finds

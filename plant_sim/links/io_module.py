@@ -42,7 +42,8 @@ class IoModule(Saved):
         tripped: True if the watchdog has tripped and has not been reset.
         last_write_ms: Plant time of the last accepted write, ms; None before the first.
         tripped_at_ms: Plant time of the last trip, ms, retained after a reset; None before the first.
-        block_writes: Number of times the complete Y block has been written, each time in one write or several.
+        block_writes: Number of times all outputs that move something have been written, each time in one write or
+            several: a controller without a lamp need not write it.
         observers: Functions called after every advance of plant time.
         write_observers: Functions called with the client and the levels by Y number after every accepted write of a
             client.
@@ -80,11 +81,12 @@ class IoModule(Saved):
         self._watchdog_ms = watchdog_ms
         self._safe = io_map.safe_outputs()
         self._outputs = list(self._safe)
-        self._block = frozenset(point.number for point in io_map.outputs)
+        self._wired = frozenset(point.number for point in io_map.outputs)
+        self._block = frozenset(point.number for point in io_map.outputs if point.moves)
         self._safe_registers = {register.number: register.safe for register in io_map.registers}
         self._registers = dict(self._safe_registers)
         self._planter = io_map.register("planter_speed")
-        self._written: set[int] = set()  # outputs written since the block was last complete
+        self._written: set[int] = set()  # outputs of the block written since it was last complete
 
     @property
     def watchdog_ms(self) -> int:
@@ -136,7 +138,7 @@ class IoModule(Saved):
         """
         if levels and not 0 <= min(levels) <= max(levels) < len(self._outputs):
             raise ValueError(f"outputs {sorted(levels)} exceed the {len(self._outputs)} outputs of the I/O map")
-        wired = self._block & levels.keys()
+        wired = self._wired & levels.keys()
         if self.tripped and any(levels[number] != self._safe[number] for number in wired):
             self._written.clear()
             raise ModuleFault(
@@ -239,7 +241,7 @@ class IoModule(Saved):
         self.lease.end()
 
     def _note_written(self, wired: frozenset[int]) -> None:
-        self._written |= wired
+        self._written |= wired & self._block
         if self._written == self._block:
             self._written.clear()
             self.block_writes += 1

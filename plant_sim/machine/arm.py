@@ -1,7 +1,7 @@
 """One arm with its drives, claws and cups, and the seedlings in them."""
 
 import math
-from typing import Any
+from typing import Any, Final
 
 from controller.common.saved import Saved
 from plant_sim.crop.bed import Bed
@@ -21,6 +21,18 @@ from plant_sim.devices.sensor import Sensor
 from plant_sim.devices.slide import Slide
 from plant_sim.devices.spreader import Spreader
 from plant_sim.machine.parameters import Machine
+
+ARM_SWITCHES: Final = (
+    "lift_down",
+    "lift_up",
+    "slide_at_feed",
+    "slide_at_pick_1",
+    "slide_at_pick_2",
+    "slide_at_pick_3",
+    "claws_spread",
+    "claws_converged",
+)
+"""Switches of an arm by I/O tag, without the side; the cup counter is not among them, because it reports no place."""
 
 
 class ArmPlant(Saved):

@@ -11,21 +11,12 @@ from controller.program.operator.buttons import ANSWER_PRESS_MS
 from controller.program.states import Mode, State
 from controller.program.tags import FORGOTTEN, ROWS, SIDES
 from plant_sim.faults import Fault
+from plant_sim.machine.arm import ARM_SWITCHES
 from plant_sim.stories.stops import HOMING_MS, home_and_answer
 from plant_sim.stories.story import Stage, Story
 from plant_sim.stories.work import FASTER, STOP_MS, TRAY_MS, begin, complete
 from plant_sim.twin.recovery import answer_truly, begin_homing, clear, operate_manually, press_emergency_stop, repair
 
-SWITCHES = (
-    "lift_down",
-    "lift_up",
-    "slide_at_feed",
-    "slide_at_pick_1",
-    "slide_at_pick_2",
-    "slide_at_pick_3",
-    "claws_spread",
-    "claws_converged",
-)
 HALFWAY = (
     ("lift_down", "lower over cups", 300),
     ("lift_up", "lift from row", 300),
@@ -190,7 +181,7 @@ def answers(stage: Stage, side: str, answer: str, after_ms: int = BEGIN_MS) -> N
     twin.run_for(150)
     twin.power_cycle()
     twin.run_for(300)
-    twin.press("start")
+    twin.command("reset")  # X0 would answer the question that is shown
     twin.run_until_state(State.HELD, State.IDLE, within_ms=HOMING_MS)
     stage.end("asked")
     for command in ("cups_empty", "tray_full", f"{side}_{answer}"):
@@ -278,7 +269,7 @@ def tray_questions(stage: Stage, answer: str) -> None:
     twin.run_for(300)
     twin.command("mode_continuous")
     twin.scan()
-    twin.press("start")
+    twin.command("reset")  # X0 would answer the question that is shown
     twin.run_until_state(State.HELD, State.IDLE, within_ms=HOMING_MS)
     stage.end("asked")
     twin.command(answer)
@@ -329,7 +320,7 @@ def _give_all(stage: Stage, state: str, commands: list[str]) -> None:
 
 
 def _switch_faults(side: str, kind: str) -> tuple[Fault, ...]:
-    return tuple(Fault(kind, f"{side}.{switch}") for switch in SWITCHES)
+    return tuple(Fault(kind, f"{side}.{switch}") for switch in ARM_SWITCHES)
 
 
 def stories() -> Iterator[Story]:

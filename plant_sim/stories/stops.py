@@ -96,7 +96,8 @@ def _with_status(stage: Stage, name: str) -> None:
 def home_and_answer(stage: Stage) -> None:
     """Home until the machine is Idle, answering each question truthfully; the questions are recorded."""
     twin = stage.twin
-    for _ in range(3):
+    for _ in range(4):
+        answer_truly(twin)  # the buttons do not home while a question is shown
         begin_homing(twin)
         twin.run_until_state(State.IDLE, State.HELD, within_ms=HOMING_MS)
         stage.end(f"homed, asked {', '.join(sorted(questions(twin))) or 'nothing'}")

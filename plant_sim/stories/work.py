@@ -174,7 +174,8 @@ def jogs(stage: Stage) -> None:
             jog(stage, f"{side}.{output}", for_ms)
     give(stage, "stop", State.STOPPED)
     give(stage, "mode_continuous")
-    for _ in range(3):
+    for _ in range(4):
+        answer_truly(twin)  # the buttons do not home while a question is shown
         begin_homing(twin)
         twin.run_until_state(State.IDLE, State.HELD, within_ms=STOP_MS)
         stage.end("homed after jogs")

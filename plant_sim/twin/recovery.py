@@ -62,13 +62,14 @@ def begin_homing(twin: Twin) -> None:
 
 
 def home_again(twin: Twin) -> set[str]:
-    """Home the machine with X0 until it is Idle, answering every question in Held correctly; return the questions.
+    """Home the machine with X0 until it is Idle, answering every question at rest correctly; return the questions.
 
     Raises:
         NotReachedError: Homing ends in an alarm or does not end.
     """
     asked: set[str] = set()
-    for _ in range(2):
+    for _ in range(3):
+        asked |= answer_truly(twin)  # the buttons do not home while a question is shown
         begin_homing(twin)
         twin.run_until_state(State.IDLE, State.HELD, within_ms=HOMING_LIMIT_MS)
         if twin.state is State.IDLE:
@@ -93,6 +94,8 @@ def answer_truly(twin: Twin) -> set[str]:
     A tray that has overrun its mark is first moved back behind the beam manually; the answer is then "none".
     """
     asked = questions(twin)
+    if not asked:
+        return asked
     for side in SIDES:
         if f"{side} loaded" in asked:
             twin.command(f"{side}_loaded_{'yes' if twin.plant.arms[side].grip.held else 'no'}")

@@ -99,8 +99,8 @@ SLOW: Final = LONG | {
     ".venv/bin/python -m plant_sim serve --watchdog-ms 500",
     ".venv/bin/python -m plant_sim stories --random 50",
     ".venv/bin/python -m plant_sim stories --random 50 --undirected",
-    ".venv/bin/python -m plant_sim stories --replay 'seed=541 trays=3 work=30540; 31100 press emergency_stop for=530; "
-    "31570 push =19.6'",
+    ".venv/bin/python -m plant_sim stories --replay 'seed=541 trays=3 work=30540; 31100 press stop for=300; "
+    "45000 push =12.0; 50000 tend'",
     ".venv/bin/python -m plant_sim study campaign docs/examples/campaign.yaml --trials 1 --seedlings 12 "
     "--out var/campaign",
     ".venv/bin/python -m plant_sim study campaign docs/examples/campaign.yaml --trials 2 --seedlings 12 "

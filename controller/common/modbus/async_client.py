@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 from controller.common.modbus.client import ClientFrames, RtuFrames, TcpFrames
 from controller.common.modbus.rtu import LONGEST_FRAME, SerialLine
@@ -51,14 +51,15 @@ class _Exchange:
     def take_over(self, data: bytes) -> None:
         """Take over received bytes, among them perhaps the answer that is awaited."""
         self._frames.feed(data)
-        waiting = self._waiting
-        if waiting is not None and not waiting.done() and (answer := self._frames.answer()) is not None:
-            waiting.set_result(answer)
+        if self._waiting is not None and (answer := self._frames.answer()) is not None:
+            self._waiting.set_result(answer)
+            self._waiting = None
 
     def fail(self, error: Exception) -> None:
-        """End the request with an error."""
-        if self._waiting is not None and not self._waiting.done():
-            self._waiting.set_exception(error)
+        """End the request with an error; no effect if none waits."""
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            waiting.set_exception(error)
 
     async def answer(self, send: Callable[[], object], timeout_s: float) -> bytes | None:
         """Send the request and return its answer; None if there is none in time.
@@ -76,18 +77,13 @@ class _Exchange:
 
 class _TcpConnection(asyncio.Protocol):
     def __init__(self, exchange: _Exchange) -> None:
-        self.exchange = exchange
-        self.transport: asyncio.Transport | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self.transport = cast(asyncio.Transport, transport)
+        self._exchange = exchange
 
     def data_received(self, data: bytes) -> None:
-        self.exchange.take_over(data)
+        self._exchange.take_over(data)
 
     def connection_lost(self, _error: Exception | None) -> None:
-        self.transport = None
-        self.exchange.fail(ModbusClientError("connection closed by the server"))
+        self._exchange.fail(ModbusClientError("connection closed by the server"))
 
 
 class AsyncTcpClient:
@@ -109,12 +105,13 @@ class AsyncTcpClient:
         self.address = f"{host}:{port}"
         self._host, self._port, self._unit, self._timeout_s = host, port, unit, timeout_s
         self._frames = TcpFrames()
-        self._connection: _TcpConnection | None = None
+        self._exchange = _Exchange(self._frames)
+        self._transport: asyncio.Transport | None = None
 
     @property
     def is_open(self) -> bool:
         """True if the connection is established, and the server has not closed it."""
-        return self._transport is not None
+        return self._transport is not None and not self._transport.is_closing()
 
     async def open(self) -> None:
         """Connect.
@@ -123,15 +120,15 @@ class AsyncTcpClient:
             ModbusClientError: The server does not accept the connection in time.
         """
         self.close()
-        connection = _TcpConnection(_Exchange(self._frames))
         try:
             async with asyncio.timeout(self._timeout_s):
-                await asyncio.get_running_loop().create_connection(lambda: connection, self._host, self._port)
+                self._transport, _ = await asyncio.get_running_loop().create_connection(
+                    lambda: _TcpConnection(self._exchange), self._host, self._port
+                )
         except TimeoutError:
             raise ModbusClientError(f"not reachable within {1e3 * self._timeout_s:.0f} ms") from None
         except OSError as error:
             raise ModbusClientError(error.strerror or str(error)) from error
-        self._connection = connection
 
     async def request(self, pdu: bytes) -> bytes:
         """Send a request and return its answer, both from the function code on.
@@ -139,13 +136,13 @@ class AsyncTcpClient:
         Raises:
             ModbusClientError: The connection is closed, or there is no answer in time.
         """
-        connection, transport = self._connection, self._transport
-        if connection is None or transport is None:
+        transport = self._transport
+        if transport is None or transport.is_closing():
             raise ModbusClientError("not connected")
         answer = None
         try:
             frame = self._frames.request(self._unit, pdu)
-            answer = await connection.exchange.answer(lambda: transport.write(frame), self._timeout_s)
+            answer = await self._exchange.answer(lambda: transport.write(frame), self._timeout_s)
         finally:
             if answer is None:
                 self.close()
@@ -158,14 +155,7 @@ class AsyncTcpClient:
         """Disconnect at once; no effect if closed."""
         if self._transport is not None:
             self._transport.abort()
-        self._connection = None
         self._frames.discard()
-
-    @property
-    def _transport(self) -> asyncio.Transport | None:
-        """Transport of the open connection."""
-        transport = None if self._connection is None else self._connection.transport
-        return None if transport is None or transport.is_closing() else transport
 
 
 class AsyncRtuClient:

@@ -139,9 +139,9 @@ class IoMap:
     def __getitem__(self, tag: str) -> Point:
         __tracebackhide__ = True
         if tag not in self._by_tag:
-            raise DeclarationError(
-                f"{self.path}: no wired point {tag}; add it, and declare its tag in controller/iomap/schema.py"
-            )
+            line = next((f":{point.line}" for point in self.unwired if point.tag == tag), "")
+            remedy = "set wired: true" if line else "add it, and declare its tag in controller/iomap/schema.py"
+            raise DeclarationError(f"{self.path}{line}: no wired point {tag}; {remedy}")
         return self._by_tag[tag]
 
     def __contains__(self, tag: object) -> bool:

@@ -43,6 +43,7 @@ def arm_rungs(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
     """
     machine, other = tags.machine, tags.other(arm.side)
     works = machine.motion & ~machine.manual
+    counts = machine.running | machine.stopping  # stopping arms may still wait for cups
     moves = works & ~arm.out_of_service
     off_home = alarms.off_home
     faster = all_of(other.cup, other.cups_even, other.row_difference > ROWS_DIFFER_X10_MS)
@@ -54,10 +55,10 @@ def arm_rungs(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
             for name, alarm in alarms.switches.items()
         ),
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=moves & arm.unbidden & ~arm.off_home),
-        Rst(arm.lone_cups, when=other.cup | ~machine.running),
+        Rst(arm.lone_cups, when=other.cup | ~counts),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup & ~other.cup),
         Set(
             alarms.cup_counts,
-            when=all_of((arm.lone_cups.done & ~arm.cup_sensor) | faster, machine.running, ~machine.manual),
+            when=all_of((arm.lone_cups.done & ~arm.cup_sensor) | faster, counts, ~machine.manual),
         ),
     ]

@@ -18,9 +18,12 @@ CUPS_SLOW_MS: Final = 5_000
 
 
 def cup_rungs(tags: Tags, alarms: Annunciators) -> list[Rung]:
-    """Return the rungs of the alarms of both cup counters; off in manual mode, in which no arm waits for cups."""
+    """Return the rungs of the alarms of both cup counters, also while stopping arms still wait for cups.
+
+    They are off in manual mode, in which no arm waits for cups.
+    """
     machine, left = tags.machine, tags.arms["left"]
-    works = machine.running & ~machine.manual
+    works = (machine.running | machine.stopping) & ~machine.manual
     slow = (left.cup_time > tags.sp.cup_time_longest) & (left.cup_time < LONGEST_CUP_X10_MS)
     rungs: list[Rung] = [
         Set(alarms.cups_fast, when=works & machine.cups_fast),

@@ -64,6 +64,7 @@ class Refusal(IntEnum):
     NOT_STOPPED = auto()
     OTHER_ARM_OUT = auto()
     CONSTANTS = auto()
+    TRAY_UNKNOWN = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +175,7 @@ class Orders:
         yield commands.hold, [running]
         yield (
             commands.unhold,
-            [_only_in(Refusal.NOT_HELD, tags, State.HELD), stop, zero_return, alarm, questions, *arms],
+            [_only_in(Refusal.NOT_HELD, tags, State.HELD), stop, zero_return, alarm, questions, *arms, self._tray()],
         )
         yield commands.suspend, [running, manual]
         yield commands.unsuspend, [Obstacle(Refusal.NOT_SUSPENDED, ~machine.suspended_by_operator)]
@@ -238,6 +239,11 @@ class Orders:
                     Obstacle(not_loaded, ~arm.loaded & ~arm.ask),
                 ],
             )
+
+    def _tray(self) -> Obstacle:
+        """Return the obstacle of a tray that may have been moved in manual mode."""
+        tray, automatic = self._tags.tray, ~self._tags.machine.manual
+        return Obstacle(Refusal.TRAY_UNKNOWN, all_of(automatic, ~tray.place_known, tray.phase.equals(IN_PLACE)))
 
     def _of_rows(self) -> Iterator[tuple[Bit, list[Obstacle]]]:
         """Yield the obstacles of the commands that state which rows of the tray in place are empty or full."""

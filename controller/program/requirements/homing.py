@@ -22,8 +22,9 @@ from controller.program.requirements.travel_times import DELIVERED, TravelTimes
 from controller.program.states import State
 from controller.verify.bounds import UnboundedError
 
-MOST_HOMINGS: Final = 2
-"""Number of homings after which the machine must be in Idle: the first may end in a question, the second may not."""
+MOST_HOMINGS: Final = 3
+"""Number of homings after which the machine must be in Idle: the first may end in a question about an arm, the second
+in one about the place of the tray, the third in none."""
 TRAY_SCAN_MS: Final = 10
 """Scan time while trays are fed, ms: that of the controller, because the feeder creeps in pulses of two scans."""
 UNBOUNDED_MS: Final = 120_000

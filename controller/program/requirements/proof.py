@@ -9,7 +9,7 @@ from functools import partial
 from controller.core.expr import FALSE, Expr, Word, all_of, any_of
 from controller.core.program import Program
 from controller.core.sequence import Sequence
-from controller.core.specification import ComputedProperty, Invariant, PropertyResult, Specification
+from controller.core.specification import ComputedProperty, Invariant, PropertyResult, Requirement, Specification
 from controller.program.machine import Transplanter
 from controller.program.places import devices
 from controller.program.requirements.limits import assumptions, limits
@@ -43,7 +43,7 @@ def specification(machine: Transplanter, data: MachineData | None = None) -> Spe
         program=machine.program,
         monitors=safety.monitors,
         remembered=safety.remembered,
-        requirements=(*safety.requirements, *of_presses(machine)),
+        requirements=(*safety.requirements, *of_presses(machine), _of_limits(machine)),
         invariants=tuple(Invariant(name, holds) for name, holds in invariants.items()),
         ways_out=ways_out(machine),
         ranges=tags.sp.limits,
@@ -69,6 +69,21 @@ def _checks(machine: Transplanter, data: MachineData) -> tuple[ComputedProperty,
         ComputedProperty("times fit the machine", partial(timed, machine.program), of_program=timed),
         ComputedProperty("homing ends within T", partial(bounded, machine), rests_on),
         ComputedProperty("homing arrives in Idle", arrives, explores=True),
+    )
+
+
+def _of_limits(machine: Transplanter) -> Requirement:
+    """Return the requirement that a step whose time limit has elapsed has its alarm, as long as the step lasts."""
+    watches = [
+        (bit, step.watch)
+        for sequence in machine.program.sequences()
+        for bit, step in sequence
+        if step.watch is not None
+    ]
+    return Requirement(
+        "a time limit elapsed without its alarm",
+        "a step that takes longer than its device can is reported as long as it lasts",
+        any_of(*(bit & watch.timer.done & ~watch.alarm for bit, watch in watches)),
     )
 
 
@@ -112,18 +127,8 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     steps = [_any_step(sequence) for sequence in machine.program.sequences()]
     yield "no step is active in manual mode", _implies(control.mode.equals(Mode.MANUAL), ~any_of(*steps))
     yield "tray feeder: steps are active only in moving states", _implies(_any_step(machine.feeder), control.motion)
+    yield from _of_tray(machine)
     in_place = tags.tray.phase.equals(IN_PLACE)
-    feeding = any_of(
-        *(machine.feeder[title] for title in ("move tray out", "index", "tray in the gap", "creep", "no tray"))
-    )
-    yield (
-        "a tray is fed only after its question is answered",
-        _implies(feeding | machine.feeder["settle"], ~tags.tray.ask),
-    )
-    yield (
-        "a tray being fed is not in place",
-        _implies(any_of(feeding, tags.tray.t_jam.done, tags.tray.met), ~in_place),
-    )
     for side in SIDES:
         over_tray = ("approach row", "settle at row", "return to row", "close claws")
         arm, cycle = tags.arms[side], machine.cycles[side]
@@ -152,9 +157,38 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     yield from _homing_ends(machine)
 
 
+def _of_tray(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
+    """Yield the invariants about the tray in place and the tray being fed."""
+    tags = machine.tags
+    control = tags.machine
+    in_place = tags.tray.phase.equals(IN_PLACE)
+    feeding = any_of(
+        *(machine.feeder[title] for title in ("move tray out", "index", "tray in the gap", "creep", "no tray"))
+    )
+    yield (
+        "a tray is fed only after its question is answered",
+        _implies(feeding | machine.feeder["settle"], ~tags.tray.ask),
+    )
+    yield (
+        "a tray being fed is not in place",
+        _implies(any_of(feeding, tags.tray.t_jam.done, tags.tray.met), ~in_place),
+    )
+    settle = machine.feeder["settle"]
+    yield "a tray that has arrived is in a known place", _implies(settle & in_place, tags.tray.place_known)
+    yield "a tray that is ready is in a known place", _implies(tags.tray.ready & in_place, tags.tray.place_known)
+    working = ~control.manual & _one_of(control.state, (State.IDLE, *RUNNING))
+    yield "work is done on a tray whose place is known", _implies(working & in_place, tags.tray.place_known)
+
+
 def _of_presses(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Expr]]:
     """Yield the invariants that relate armed presses to the buttons."""
     control, monitor = machine.tags.machine, safety.machine
+    belt = machine.tags.tray.driven["tray_forward"]
+    yield (
+        "the monitor records that the belt is driven",
+        _implies(belt & ~control.mode.equals(Mode.MANUAL), monitor.tray_fed),
+    )
+    yield "a tray whose place is known was fed or confirmed", _implies(machine.tags.tray.place_known, monitor.tray_fed)
     yield "a press that may clear is one of X24", _implies(control.clear_armed, monitor.stop_on)
     yield "a press that may reset is one of the reset button", _implies(control.reset_armed, monitor.reset_on)
     yield "a press that confirms the constants is one of X25", _implies(control.confirming, monitor.emergency_on)

@@ -16,9 +16,12 @@ from controller.core.specification import Requirement
 from controller.program.alarms.table import Annunciators
 from controller.program.areas import Area
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
+from controller.program.operator.commands import JOGGED
 from controller.program.requirements.positions import PositionMonitor
-from controller.program.states import State
-from controller.program.tags import FIRST_SCAN, IN_PLACE, ROWS, SIDES, TAKEN, ArmTags, Side, Tags
+from controller.program.states import Mode, State
+from controller.program.tags import FIRST_SCAN, FULL, IN_PLACE, MOVING_OUT, ROWS, SIDES, TAKEN, ArmTags, Side, Tags
+
+_JOGGED_TAGS = frozenset({*JOGGED, "tray_forward"})
 
 
 class ArmMonitor:
@@ -89,6 +92,10 @@ class MachineMonitor:
         self.stop_on = m.bit("stop on", "X24 was on in the last scan, and the link not lost")
         self.reset_on = m.bit("reset on", "the reset button was on in the last scan, and the link not lost")
         self.emergency_on = m.bit("emergency stop on", "X25 was on when it was last read")
+        self.tray_fed = m.bit(
+            "tray fed",
+            "the feeder has driven the belt, or a tray been confirmed, since Aborted, manual mode and power-up",
+        )
         self.unconfirmed = m.bit("unconfirmed", "constants differed at power-up; X25 has not been on and off since")
 
     def rungs(self) -> list[Rung]:
@@ -117,11 +124,18 @@ class MachineMonitor:
             ),
             Out(self.stop_on, when=x.stop & ~lost),
             Out(self.reset_on, when=reset_on),
+            Set(self.tray_fed, when=any_of(commands.tray_same, commands.tray_full, tags.tray.driven["tray_forward"])),
+            Rst(self.tray_fed, when=machine.state.equals(State.ABORTED) | machine.mode.equals(Mode.MANUAL)),
             Set(self.unconfirmed, when=FIRST_SCAN & differ),
             Rst(self.unconfirmed, when=all_of(self.emergency_on, ~x.emergency_stop, ~lost)),
             Set(self.emergency_on, when=x.emergency_stop & ~lost),
             Rst(self.emergency_on, when=~x.emergency_stop & ~lost),
         ]
+
+
+def _jogged(tags: Tags, tag: str) -> Expr:
+    """Return the condition that the last jog command was for an output; the belt has two outputs."""
+    return tags.machine.jogs["tray_run" if tag == "tray_forward" else tag] if tag in _JOGGED_TAGS else FALSE
 
 
 def any_coil(tags: Tags) -> Expr:
@@ -287,8 +301,25 @@ def _of_machine(
             machine.manual & moves & (machine.t_jog_lease.done | machine.jog.equals(0)),
         ),
         "jog without command": ("an output is jogged only by command", monitor.jog_unbidden),
+        "another output than the jogged one": (
+            "in manual mode, at most the output of the last jog command is on",
+            machine.manual & any_of(*(coil & ~_jogged(tags, tag) for tag, coil in tags.moving.items())),
+        ),
+        "full rows leave without an order": (
+            "a tray leaves with full rows only on the answer 'none', to empty the line, or for an arm out of service",
+            all_of(
+                tags.tray.leaves & tags.tray.phase.equals(MOVING_OUT),
+                any_of(*(row.equals(FULL) & ~arm.out_of_service for arm in arms for row in arm.rows.values())),
+                ~tags.commands.tray_none,
+                ~machine.emptying,
+            ),
+        ),
         "tray moves with an arm away from feed": ("a moving tray would damage an arm in it", (run | forward) & away),
         "tray moves while an arm moves in": ("the arm moves in only over a tray at rest", (run | forward) & entering),
+        "inward, tray perhaps moved": (
+            "a tray may have been moved by hand in Aborted, in manual mode, or without power",
+            all_of(entering, ~machine.manual, ~monitor.tray_fed),
+        ),
         "tray moves in the wrong direction": ("the belt moves only forward", run & ~forward),
         "tray moves during a fault": (
             "a jammed tray may be driven only in manual mode",

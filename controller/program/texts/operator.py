@@ -78,8 +78,8 @@ MODES: Final = Declared("MODES", __name__, _MODES)
 _QUESTIONS: Final = {
     "loaded": Text("Is the {side} arm holding seedlings?", "{side}臂是否夹有苗？"),
     "tray": Text(
-        "Which tray is at the pick position: the same one, a full one, or no usable one?",
-        "取苗位的苗盘是原盘、满盘，还是没有可用的苗盘？",
+        "Which tray is at the pick position: the same one, not moved; a full one; or no usable one?",
+        "取苗位的苗盘是未移动的原盘、满盘，还是没有可用的苗盘？",
     ),
     "cups": Text(
         "Are the cups under the claws of both arms empty? If not confirmed, twelve cups must pass first",
@@ -168,6 +168,7 @@ _REFUSALS: Final = {
         "machine constants differ from their defaults and are not confirmed with X25",
         "机器常数与默认值不同，尚未用急停按钮确认",
     ),
+    "TRAY_UNKNOWN": Text("the tray may have been moved; home first", "苗盘可能被移动过；请先回原点"),
 }
 REFUSALS: Final = Declared("REFUSALS", __name__, _REFUSALS)
 """Reasons for refusing a command, by name of `refusals.Refusal`."""

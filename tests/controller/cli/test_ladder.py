@@ -12,18 +12,22 @@ from xml.etree import ElementTree as Xml
 import pytest
 
 from controller.cli.main import main as controller
+from controller.export.instruction_list import acting, export
 from controller.export.packages import fx2n
-from controller.fx.language.check import MOST_STEPS
+from controller.fx.language.check import MOST_STEPS, check
 from controller.fx.language.instruction_set import steps
 from controller.fx.language.reading import load_ladder
+from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.cli.main import main as plant_sim
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.ladder import trial as ladder_trial
 from plant_sim.twin.lock_step import Twin
 from tests.controller.export.fx_equality import EXPORTED
+from tests.controller.program.interlock_scene import MACHINE
 from tests.paths import DOCS, ROOT
 from tests.sampling import one_in
+from tests.wiring import unwired
 
 STEPS = sum(steps(each) for each in EXPORTED.instructions)
 """Program steps of the exported program."""
@@ -45,9 +49,13 @@ def program(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_documentation_states_the_size_of_the_export_to_the_nearest_hundred() -> None:
+def test_the_documentation_states_the_size_of_the_export() -> None:
+    """And, for a machine with a panel, that of the program without the amber lamp, to the nearest hundred."""
     for page in (ROOT / "README.md", DOCS / "ladder.md"):
-        assert f"uses about {round(STEPS, -2):,} of the 8,000" in page.read_text(encoding="utf-8")
+        assert f"uses {STEPS:,} of the 8,000" in page.read_text(encoding="utf-8")
+    without = sum(map(steps, export(acting(build(unwired("lamp_amber")).program)).instructions))
+    text = " ".join((DOCS / "ladder.md").read_text(encoding="utf-8").split())
+    assert f"Without the amber lamp, it uses about {round(without, -2):,}" in text
 
 
 def test_an_export_can_be_read_back_and_its_size_is_reported(
@@ -126,7 +134,10 @@ def test_the_only_finding_in_the_exported_program_concerns_commands_set_by_an_hm
     assert controller(["ladder", "check", str(tmp_path / "transplanter.il")]) == 0
     orders, *rest = capsys.readouterr().out.splitlines()
     assert ": warning:" not in "".join(rest)
-    assert re.search(r": warning: M0, M2 to M6, M8, M400 to .*: read but never driven; valid if a screen", orders)
+    assert re.search(r": warning: M0, M2 to M6, M400 to .*: read but never driven; valid if a screen", orders)
+    assert str(MACHINE.tags.system.panel_shown) == "M8", "not read, because the amber lamp shows the questions"
+    (orders_without,) = check(export(acting(build(unwired("lamp_amber")).program)))
+    assert "M0, M2 to M6, M8, M400 to " in orders_without.text, "without the lamp, the panel sets it"
 
 
 def test_run_traces_devices_scan_by_scan(program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

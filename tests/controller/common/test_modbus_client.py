@@ -1,26 +1,19 @@
-"""Client of Modbus: which received bytes are the answer to the last request, and what becomes of all others."""
+"""Frames of a Modbus client: which received bytes are the answer to the last request, and which are none."""
 
 from __future__ import annotations
 
-import asyncio
-import socket
-import threading
-from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.common.modbus.async_client import AsyncRtuClient, AsyncTcpClient, ModbusClientError
 from controller.common.modbus.client import ClientFrames, RtuFrames, TcpFrames, answer_length
 from controller.common.modbus.mbap import HEADER
-from controller.common.modbus.rtu import SerialLine, framed
-from scripts.benchmark.live.serial_cable import SerialCable
+from controller.common.modbus.rtu import framed
 from tests.controller.common.modbus_rig import read_pdu
 
 UNIT = 17
-LIMIT_S = 60.0
 ANSWERS = {
     "bits": (read_pdu(1, 0, 18), b"\x01\x03\x01\x02\x03"),
     "registers": (read_pdu(3, 7, 2), b"\x03\x04\x01\x11\x01\x03"),
@@ -186,161 +179,3 @@ def test_on_a_line_no_changed_bit_is_accepted(bit: int) -> None:
 )
 def test_lengths_of_serial_answers(received: bytes, length: int) -> None:
     assert answer_length(received) == length
-
-
-def test_frames_on_a_line_are_accepted_only_with_unit_and_checksum() -> None:
-    """Another unit, an invalid checksum and half an answer are not answers; the next exchange is not disturbed by late
-    ones.
-    """
-
-    async def exchange(cable: SerialCable) -> None:
-        client = AsyncRtuClient(SerialLine(cable.ends[0], 115_200, "N", 1, UNIT), timeout_s=0.2)
-        await client.open()
-        loop = asyncio.get_running_loop()
-        device = SerialLine(cable.ends[1], 115_200, "N", 1).open()
-
-        def answer_with(data: bytes) -> None:
-            if device.read(300):
-                device.write(data)
-
-        valid = framed(UNIT, b"\x01\x03\x01\x02\x03")
-        for wrong in (framed(18, valid[1:-2]), valid[:-1] + bytes([valid[-1] ^ 1]), valid[:4]):
-            loop.add_reader(device.fileno(), answer_with, wrong)
-            with pytest.raises(ModbusClientError, match="no valid answer"):
-                await client.request(read_pdu(1, 0, 18))
-        loop.add_reader(device.fileno(), answer_with, valid)
-        assert await client.request(read_pdu(1, 0, 18)) == valid[1:-2]
-        loop.remove_reader(device.fileno())
-        device.close()
-        client.close()
-
-    with SerialCable() as cable:
-        asyncio.run(exchange(cable))
-
-
-Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
-
-
-async def with_server(serve: Serve, use: Callable[[AsyncTcpClient], Awaitable[None]], timeout_s: float) -> None:
-    running = begun = 0
-
-    async def session(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        nonlocal running, begun
-        running, begun = running + 1, begun + 1
-        await serve(reader, writer)
-        writer.transport.abort()
-        running -= 1
-
-    async with await asyncio.start_server(session, "127.0.0.1", 0) as server:
-        client = AsyncTcpClient("127.0.0.1", server.sockets[0].getsockname()[1], timeout_s=timeout_s, unit=UNIT)
-        await client.open()
-        assert client.is_open
-        await use(client)
-        client.close()
-        while running or not begun:
-            await asyncio.sleep(0)
-
-
-def test_on_tcp_a_request_without_an_answer_closes_the_connection() -> None:
-    """The late answer arrives on the closed connection; the client must be opened again."""
-
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await reader.read(100)
-        with suppress(ConnectionError):
-            await reader.read(100)  # until the connection ends
-
-    async def use(client: AsyncTcpClient) -> None:
-        with pytest.raises(ModbusClientError, match="no answer within 50 ms"):
-            await client.request(read_pdu(1, 0, 18))
-        assert not client.is_open
-        with pytest.raises(ModbusClientError, match="not connected"):
-            await client.request(read_pdu(1, 0, 18))
-
-    asyncio.run(with_server(serve, use, timeout_s=0.05))
-
-
-def test_on_tcp_a_cancelled_request_closes_the_connection() -> None:
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(ConnectionError):
-            while await reader.read(100):
-                pass
-
-    async def use(client: AsyncTcpClient) -> None:
-        request = asyncio.ensure_future(client.request(read_pdu(1, 0, 18)))
-        await asyncio.sleep(0)
-        request.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await request
-        assert not client.is_open
-
-    asyncio.run(with_server(serve, use, timeout_s=60.0))
-
-
-def test_on_tcp_the_end_of_the_connection_is_told_at_once() -> None:
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await reader.read(100)
-
-    async def use(client: AsyncTcpClient) -> None:
-        with pytest.raises(ModbusClientError, match="connection closed by the server"):
-            await client.request(read_pdu(1, 0, 18))
-
-    asyncio.run(with_server(serve, use, timeout_s=60.0))
-
-
-def test_an_answer_that_has_arrived_counts_even_if_the_event_loop_looks_late() -> None:
-    """The computer stops the client for longer than the timeout; the answer arrives meanwhile."""
-    answered = threading.Event()
-
-    def serve(listener: socket.socket) -> None:
-        connection, _ = listener.accept()
-        with connection:
-            connection.sendall(tcp_answer(connection.recv(100), b"\x07"))
-            answered.set()
-            connection.recv(100)
-
-    async def use(port: int) -> None:
-        client = AsyncTcpClient("127.0.0.1", port, timeout_s=0.05)
-        await client.open()
-        request = asyncio.ensure_future(client.request(read_pdu(1, 0, 18)))
-        await asyncio.sleep(0)
-        answered.wait(LIMIT_S)
-        threading.Event().wait(0.1)
-        assert await request == b"\x07"
-        client.close()
-
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        server = threading.Thread(target=serve, args=(listener,))
-        server.start()
-        listener_port = listener.getsockname()[1]
-        asyncio.run(use(listener_port))
-        server.join(LIMIT_S)
-
-
-def test_to_open_an_open_connection_closes_the_first_one() -> None:
-    begins = ends = 0
-
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        nonlocal begins, ends
-        begins += 1
-        with suppress(ConnectionError):
-            await reader.read(100)
-        ends += 1
-
-    async def use(client: AsyncTcpClient) -> None:
-        await client.open()
-        while begins < 2 or not ends:
-            await asyncio.sleep(0)
-        assert client.is_open
-
-    asyncio.run(with_server(serve, use, timeout_s=60.0))
-    assert ends >= 1
-
-
-def test_a_server_that_is_not_there_is_told() -> None:
-    async def open_it() -> None:
-        client = AsyncTcpClient("127.0.0.1", 1, timeout_s=60.0)
-        with pytest.raises(ModbusClientError, match="Connect call failed"):
-            await client.open()
-        assert not client.is_open
-
-    asyncio.run(open_it())

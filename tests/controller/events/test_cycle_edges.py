@@ -20,8 +20,9 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.tags import SIDES, Side
 from plant_sim.twin.lock_step import Twin
+from plant_sim.twin.recovery import home_again
 from tests.controller.history.history_rig import history, table
-from tests.plant_sim.twin.twin_rig import ChangeRecorder, at_work, go_on, to_complete, until_picking, until_step
+from tests.plant_sim.twin.twin_rig import ChangeRecorder, at_work, to_complete, until_picking, until_step
 
 
 class Recorded(NamedTuple):
@@ -163,7 +164,8 @@ def test_an_aborted_cycle_leaves_no_edges(tmp_path: Path) -> None:
         twin.run_for(500)
         twin.command("clear")
         twin.run_for(100)
-        go_on(twin)
+        assert home_again(twin) == {"tray"}
+        twin.start()
         to_complete(twin)
     rows = table(path, "cycles")
     assert [row["row"] for row in rows if row["side"] == "left"] == [2, 3]

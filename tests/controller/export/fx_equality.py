@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from random import Random
 from typing import ClassVar
@@ -17,7 +17,7 @@ from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import Constant, DeviceOperand, Ladder
 from controller.program.operator.buttons import ANSWER_PRESS_MS, CLEAR_PRESS_MS
 from controller.program.set_points import ARMS_MAY_MEET
-from controller.program.states import Mode, State
+from controller.program.states import HOMED_FROM, Mode, State
 from controller.program.tags import ROWS, SIDES
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.program.modes.stand_in import StandIn
@@ -63,6 +63,7 @@ CLAMPING = [MACHINE.cycles[side]["close claws"] for side in SIDES]
 SETTLING = [MACHINE.cycles[side]["settle at row"] for side in SIDES]
 DOWN = [MACHINE.io_map[f"{side}.lift_down"].number for side in SIDES]
 AT_ROW = [MACHINE.io_map[f"{side}.slide_at_pick_{row}"].number for side in SIDES for row in ROWS]
+MOVING = [point.number for point in MACHINE.io_map.outputs if point.moves]
 BEAM = MACHINE.io_map["tray_front_edge"].number
 LEFT_CUP = MACHINE.io_map["left.cup_pulse"]
 UNTIL_HOMING = (State.ABORTED, State.STOPPED)
@@ -89,8 +90,9 @@ class Pair:
         ladder: Program of the FX2N.
         constants: Machine constants of each start that differ from their defaults.
         filter_ms: Input filter time of both PLCs, ms.
+        program: Program of the soft PLC.
         scans: Number of compared scans.
-        moving: Number of scans in which an output was on.
+        moving: Number of scans in which an output that moves something was on.
         tape: Recorded inputs and outputs.
         visited: Steps that have been on.
         confirmed: Number of confirmations of the constants.
@@ -99,6 +101,7 @@ class Pair:
     ladder: Ladder = EXPORTED
     constants: Mapping[Word, int] = field(default_factory=dict)
     filter_ms: int = 0
+    program: Program = MACHINE.program
     scans: int = 0
     moving: int = 0
     tape: list[Scan] = field(default_factory=list)
@@ -108,7 +111,7 @@ class Pair:
     fx: FxPlc = field(init=False)
 
     def __post_init__(self) -> None:
-        self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
+        self.soft = Plc(self.program, input_filter_ms=self.filter_ms)
         self.fx = FxPlc(with_constants(self.ladder, self.constants), input_filter_ms=self.filter_ms)
         self._writes: dict[Bit | Word, int] = {}
         self._states: list[bool] = []
@@ -131,7 +134,7 @@ class Pair:
     def power_cycle(self) -> None:
         """Cycle the power of both PLCs."""
         retained = self.soft.retained()
-        self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
+        self.soft = Plc(self.program, input_filter_ms=self.filter_ms)
         self.soft.restore_retained(retained)
         self.fx.power_cycle()
         self.give_constants()
@@ -146,7 +149,7 @@ class Pair:
         unconfirmed = self.soft.read(TAGS.machine.constants_open)
         soft, fx = self.soft.scan(now_ms, list(levels)), self.fx.scan(now_ms, list(levels))
         self.scans += 1
-        self.moving += True in soft
+        self.moving += any(soft[number] for number in MOVING)
         self.confirmed += unconfirmed > self.soft.read(TAGS.machine.constants_open)
         self.tape.append((self._writes, now_ms, list(levels), soft))
         self._writes = {}
@@ -175,7 +178,7 @@ class Pair:
 
 
 def stories(
-    seed: int, scans: int, *, power_fails: bool = True, kind: type[Pair] | None = None
+    seed: int, scans: int, *, power_fails: bool = True, kind: Callable[..., Pair] | None = None
 ) -> Iterator[tuple[Pair, int]]:
     """Run a machine with random events; after each scan, yield the pair and the scan number.
 
@@ -187,11 +190,11 @@ def stories(
         seed: Seed of the events.
         scans: Number of scans.
         power_fails: Whether the power fails at random moments.
-        kind: Class of the pair; None = `Pair`.
+        kind: Constructor of the pair; None = `Pair`.
     """
     chance = Random(seed)
     pair = (kind or Pair)(constants={word: value for word, value in OTHER_CONSTANTS if chance.random() < 0.15})
-    panel = chance.random() < 0.5  # the buttons answer questions only while a panel shows them
+    panel = chance.random() < 0.5  # without the amber lamp, the buttons answer questions only while a panel shows them
     world = StandIn(MACHINE.io_map)
     image = MACHINE.io_map.safe_outputs()
     now_ms, period_ms, hold_ms, repair = 0, 20, 0, USUAL_REPAIR
@@ -275,7 +278,7 @@ def _press(pair: Pair, world: StandIn, chance: Random) -> int:
     """Press the button that continues operation, or another one; return the time for which it is held, ms."""
     state = pair.soft.read(TAGS.machine.state)
     asked = [answers for question, answers in ANSWERS.items() if pair.soft.read(question)]
-    if chance.random() < 0.3:
+    if chance.random() < (0.6 if asked else 0.3):
         pair.write(chance.choice(chance.choice(asked or list(ANSWERS.values()))), 1)
     if chance.random() < 0.1:
         for bit in EMPTY_ROWS:
@@ -283,6 +286,9 @@ def _press(pair: Pair, world: StandIn, chance: Random) -> int:
     if asked and chance.random() < 0.3:
         world.pressed = {chance.choice(("start", "stop"))}
         return ANSWERED_MS
+    if asked and state in HOMED_FROM and chance.random() < 0.5:
+        pair.write(TAGS.commands["reset"], 1)  # X0 does not home while a question is shown
+        return 20
     if pair.soft.read(TAGS.machine.constants_open) and chance.random() < 0.5:
         world.pressed = {"emergency_stop"}
         return 20 * chance.randint(1, 6)

@@ -49,17 +49,19 @@ class Places:
         register: Address of D0, without its number.
         alarms: Byte of S900.
         link_word: Address of the word that changes with every exchange; empty = none.
+        by_offset: True if the outputs are in the order of their Modbus offsets, which begin at 0.
     """
 
     device_byte: int
     register: tuple[str, int]
     alarms: str
     link_word: str = ""
+    by_offset: bool = False
 
 
 PLACES: Final = {
     "plain": Places(0, ("MW", 1000), "MX1212.4"),
-    "openplc": Places(100, ("QW", 400), "QX300.0", "IW100"),
+    "openplc": Places(100, ("QW", 400), "QX300.0", "IW100", by_offset=True),
     "codesys": Places(0, ("MW", 1000), "MX1212.4", "IW100"),
 }
 
@@ -178,7 +180,10 @@ class PackageRig:
             self.plc.write(self._places.link_word, self.link_ms % 32_768)
         self.plc.write("ML1027", UTC_S + self.utc_ms // 1_000)
         self.plc.write("ML1029", self.late_us)
-        return self.plc.scan(self.clock_ms, levels)[: MACHINE.io_map.output_count]
+        coils, image = self.plc.scan(self.clock_ms, levels), MACHINE.io_map.safe_outputs()
+        for point in MACHINE.io_map.outputs:
+            image[point.number] = coils[point.offset if self._places.by_offset else point.number]
+        return image
 
     def scan(self, *, clock_ms: int = SCAN_MS, utc_ms: int = SCAN_MS, link_ms: int = SCAN_MS) -> list[bool]:
         """Run one scan, advance the plant by one period and the clocks by the given times; return the outputs."""

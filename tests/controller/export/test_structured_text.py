@@ -34,7 +34,7 @@ from controller.core.sequence import Sequence as Steps
 from controller.export.instruction_list import acting
 from controller.export.structured_text import WIDTH, structured_text
 from controller.export.structured_text_variables import RESERVED, address, identifier
-from tests.controller.export.fx_equality import Differs, Pair, stories
+from tests.controller.export.fx_equality import MOVING, Differs, Pair, stories
 from tests.controller.export.st_runner import StPlc, StProgram, parsed, tree_of
 from tests.controller.program.interlock_scene import MACHINE
 from tests.sampling import first_of, one_in
@@ -73,7 +73,7 @@ class StPair(Pair):
     def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
         soft, st = self.soft.scan(now_ms, list(levels)), self.st.scan(now_ms, levels)
         self.scans += 1
-        self.moving += True in soft
+        self.moving += any(soft[number] for number in MOVING)
         if soft != st:
             raise Differs(f"scan {self.scans} at {now_ms} ms: {[f'Y{n:o}' for n in range(256) if soft[n] != st[n]]}")
         return soft

@@ -229,6 +229,21 @@ def test_a_killed_controller_leaves_a_capture_that_can_be_replayed(
     assert printed.err == f"{path}: not closed; replayed up to its last line\n"
 
 
+def test_the_last_scan_of_a_killed_controller_may_lack_its_outputs(
+    captured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def cut(lines: list[str]) -> None:
+        """Replace the fourth image of outputs, and what follows, with the inputs of its scan."""
+        index = line_of(read_capture(captured), "Y", 4)
+        inputs = [line for line in lines[:index] if " X " in line][-1]
+        lines[index:] = [f"{lines[index].partition(' ')[0]} {inputs.partition(' ')[2]}", "9"]
+
+    path = changed(captured, tmp_path, cut)
+    assert not read_capture(path).is_closed
+    assert main(["capture", "replay", str(path)]) == 0
+    assert "the program writes the captured outputs" in capsys.readouterr().out
+
+
 def replace_header(key: str, value: str) -> Callable[[list[str]], None]:
     def change(lines: list[str]) -> None:
         index = next(index for index, line in enumerate(lines) if line.startswith(f"{key}: "))

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from controller.common.declarations import DeclarationError
 from controller.common.modbus.io_map import IoMap, ModbusTable
+from controller.iomap import schema
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMapError, load_io_map
+from tests.paths import ROOT
 from tests.sampling import examples
 
 TEXT = DEFAULT_IO_MAP.read_text(encoding="utf-8")
@@ -97,8 +99,10 @@ def test_all_22_inputs_and_18_outputs_are_present_in_order(io_map: IoMap) -> Non
     assert io_map.path == DEFAULT_IO_MAP
 
 
-def test_optional_points_are_listed_without_a_wire(io_map: IoMap) -> None:
-    assert {point.tag: point.address for point in io_map.unwired} == {
+def test_optional_points_are_listed_and_only_the_amber_lamp_is_wired(io_map: IoMap) -> None:
+    """The amber lamp shows a question to the operator of a machine without a panel."""
+    optional = [*io_map.unwired, *(point for point in (*io_map.inputs, *io_map.outputs) if point.optional)]
+    assert {point.tag: point.address for point in optional} == {
         "reset": "X26",
         "air_pressure_ok": "X27",
         "magazine_empty": "X30",
@@ -109,10 +113,23 @@ def test_optional_points_are_listed_without_a_wire(io_map: IoMap) -> None:
         "lamp_green": "Y25",
     }
     assert all(point.optional and not point.wired for point in io_map.unwired)
+    assert [point.tag for point in optional if point.wired] == ["lamp_amber"]
+    assert io_map.get("lamp_amber") is io_map["lamp_amber"]
     assert "horn" not in io_map
     assert io_map.get("horn") is None
-    with pytest.raises(DeclarationError, match="no wired point horn"):
+
+
+def test_a_tag_without_a_wire_is_reported_with_the_remedy(io_map: IoMap) -> None:
+    """A point of the map needs a wire; a tag that the map lacks is declared in the module that the message names."""
+    with pytest.raises(
+        DeclarationError, match=rf"io_map\.yaml:{line_of('horn')}: no wired point horn; set wired: true$"
+    ):
         io_map["horn"]
+    with pytest.raises(
+        DeclarationError, match=r"io_map\.yaml: no wired point clamp; add it, and declare its tag in"
+    ) as e:
+        io_map["clamp"]
+    assert ROOT / str(e.value).rpartition(" ")[2] == Path(schema.__file__)
 
 
 def test_points_are_accessible_by_tag(io_map: IoMap) -> None:
@@ -230,7 +247,7 @@ ENTRY_FAULTS = [
     ),
     (
         "horn",
-        "offset: 18",
+        "offset: 20",
         "offset: 17",
         "modbus.offset: coil 17 is already used by tray_forward on line @tray_forward; " + FREE,
     ),

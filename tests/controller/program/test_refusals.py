@@ -132,6 +132,7 @@ def after(memory: Memory, *presses: Bit) -> Memory:
 def differing(one: Memory, other: Memory) -> set[str]:
     """Return the devices whose values differ, excluding edge memories, timers and the report of refusals."""
     apart = {
+        "Y": {MACHINE.io_map["lamp_amber"].number},
         "M": {CONTROL.ordered.number, CONTROL.refused_now.number, CONTROL.refused_shown.number},
         "D": {word.number for word in REFUSAL_REGISTERS},
     }

@@ -8,14 +8,15 @@ import pytest
 
 from controller.core.devices import INITIAL_PULSE, Memory
 from controller.core.expr import Bit, Expr, Not, evaluate
-from controller.program.operator.commands import ARM_OUTPUTS
+from controller.program.operator.commands import ARM_OUTPUTS, JOGGED
 from controller.program.operator.next_press import NextPress
 from controller.program.requirements.safety import Safety
 from controller.program.states import State
-from controller.program.tags import FULL, IN_PLACE, ROWS, SIDES, TAKEN, Side
+from controller.program.tags import FULL, IN_PLACE, MOVING_OUT, ROWS, SIDES, TAKEN, Side
 from tests.controller.verify.proof_rig import MACHINE, SOUND, TAGS
 
 SAFETY = Safety(TAGS, MACHINE.alarms)
+APPROACH = next(step.watch for bit, step in MACHINE.cycles["left"] if step.title == "approach row" and step.watch)
 REQUIREMENTS = {each.name: each.never for each in SOUND.requirements}
 PLACE_OF = {
     "lift_down": "down",
@@ -147,6 +148,13 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
         Case("tray moves during a fault", "tray_forward tray_fault", "tray_fault"),
         Case("tray moves during a fault", "tray_forward tray_fault", "manual"),
     ],
+    "no arm goes in over a tray that may have been moved by hand": [
+        *(
+            Case("inward, tray perhaps moved", f"{side}.slide_inward", turned)
+            for side in SIDES
+            for turned in ("tray_fed", "manual", f"{side}.slide_inward")
+        ),
+    ],
     "nothing moves in an emergency stop": [
         Case("motion during an emergency stop", f"emergency_stop motion left.{MOVES}", "emergency_stop"),
         Case("motion during an emergency stop", "emergency_stop motion tray_run", "tray_run"),
@@ -190,6 +198,27 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
         Case("jog without renewal", f"manual motion left.{MOVES}", "jog"),
         Case("jog without renewal", f"manual motion left.{MOVES} jog jog_lease_over", "jog_lease_over"),
         Case("jog without command", "jog_unbidden", "jog_unbidden"),
+    ],
+    "in manual mode, only the output of the last jog command": [
+        Case("another output than the jogged one", f"manual {JOGGED[0]}", "jog"),
+        Case("another output than the jogged one", f"manual {JOGGED[0]}", "manual"),
+        Case("another output than the jogged one", f"manual jog {JOGGED[0]} {JOGGED[1]}", JOGGED[1]),
+        Case("another output than the jogged one", "manual jog tray_forward", "tray_forward"),
+    ],
+    "no tray leaves with full rows unless a person orders it, or an arm is out of service": [
+        *(
+            Case("full rows leave without an order", "tray_leaves tray_moving_out", turned)
+            for turned in ("tray_leaves", "tray_moving_out", "answers_none", "empties_the_line")
+        ),
+        Case(
+            "full rows leave without an order",
+            "tray_leaves tray_moving_out left.out_of_service",
+            "right.out_of_service",
+        ),
+    ],
+    "an elapsed time limit has its alarm": [
+        Case("a time limit elapsed without its alarm", "approaches limit_elapsed", turned)
+        for turned in ("approaches", "limit_elapsed", "limit_alarm")
     ],
 }
 
@@ -237,6 +266,13 @@ def machine_facts() -> dict[str, Expr]:
         "tray_front_edge": tray.edge,
         "tray_fault": MACHINE.alarms.tray_jam,
         "tray_asked": tray.ask,
+        "tray_leaves": tray.leaves,
+        "answers_none": TAGS.commands.tray_none,
+        "empties_the_line": machine.emptying,
+        "approaches": MACHINE.cycles["left"]["approach row"],
+        "limit_elapsed": APPROACH.timer.done,
+        "limit_alarm": APPROACH.alarm,
+        "tray_fed": SAFETY.machine.tray_fed,
         **tray.driven,
     }
     return facts | {f"{side}.{name}": fact for side in SIDES for name, fact in arm_facts(side).items()}
@@ -270,6 +306,8 @@ def situation(on: set[str], side: Side) -> Memory:
         match name:
             case "tray_in_place":
                 words[TAGS.tray.phase.number] = IN_PLACE
+            case "tray_moving_out":
+                words[TAGS.tray.phase.number] = MOVING_OUT
             case "row_1_taken":
                 words[arm.rows[1].number] = TAKEN
             case "rows_1_and_2_taken":

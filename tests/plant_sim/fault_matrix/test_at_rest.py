@@ -20,7 +20,6 @@ from plant_sim.fault_matrix.rest_report import COLUMNS, RestResult, parts, recor
 from plant_sim.fault_matrix.rest_table import ALL_FAULTS, jobs_at, jobs_of, periods, run_job, search, selection
 from plant_sim.fault_matrix.run import MatrixSetup, undisturbed
 from plant_sim.fault_matrix.situations import (
-    ARM_SWITCHES,
     TRAY_SWITCH,
     Situation,
     Spell,
@@ -32,6 +31,7 @@ from plant_sim.fault_matrix.situations import (
 from plant_sim.fault_matrix.stops import STOPS, StopKind
 from plant_sim.fault_matrix.table_files import as_csv
 from plant_sim.links.in_process import InProcessLink, LinkDown
+from plant_sim.machine.arm import ARM_SWITCHES
 from plant_sim.twin.lock_step import SCAN_MS
 from tests.paths import DOCS
 from tests.sampling import first_of, one_in

@@ -293,7 +293,11 @@ def test_a_long_way_to_execute_is_a_finding(followed: Followed, complaint: str |
 
 @pytest.mark.parametrize("isolated", [False, True], ids=["without isolation", "isolated"])
 def test_a_line_that_is_refused_or_leads_nowhere_is_told(isolated: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An operator who follows a wrong line to the letter is refused; the twin is afterwards as before."""
+    """An operator who follows a wrong line to the letter is refused; the twin is afterwards as before.
+
+    After an isolation, the machine asks whether the tray has been moved: the answer and the second homing are two more
+    presses.
+    """
     twin = TWO_TRAYS.twin()
     twin.home()
     twin.start()
@@ -302,7 +306,8 @@ def test_a_line_that_is_refused_or_leads_nowhere_is_told(isolated: bool, monkeyp
     twin.run_until_state(State.STOPPED, within_ms=30_000)
     before = (twin.now_ms, twin.state, len(twin.events))
     good = follow(twin, lambda: None, isolated=isolated)
-    assert (good.why, good.presses, good.questions) == ("", 4 if isolated else 2, 0)
+    assert (good.why, good.presses, good.questions) == ("", 6 if isolated else 2, int(isolated))
+    assert (NextPress.ANSWER_SAME_TRAY in good.lines) == isolated
     assert good.lines[-2:] == (NextPress.HOME, NextPress.START)
     assert (twin.now_ms, twin.state, len(twin.events)) == before
     wrong = Word("D", 7_999, "wrong line", "")

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from controller.common.modbus.io_map import IoMap
-from controller.iomap.loader import load_io_map
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict
-from tests.plant_sim.hil.hil_rig import Damage, default_map, failures, judge
+from tests.plant_sim.hil.hil_rig import Damage, failures, judge
 from tests.sampling import first_of
+from tests.wiring import unwired
 
 
 def _by_group(results: list[CaseResult], group: str) -> list[CaseResult]:
@@ -60,7 +57,7 @@ def test_every_situation_of_the_trial_has_an_emergency_stop() -> None:
 def test_the_program_passes_every_case() -> None:
     results, _ = judge(GROUPS)
     assert not failures(results)
-    assert [each.name for each in results if each.verdict is CaseVerdict.NOT_RUN] == ["jammed:conveyor"]
+    assert [each.name for each in results if each.verdict is CaseVerdict.NOT_RUN] == []
     assert len(_by_group(results, "emergency stop")) == 26
     (margin,) = _by_group(results, "scan-time margin")
     assert margin.figures["longer scan tolerated"].value >= 10
@@ -74,18 +71,18 @@ def test_a_fault_stops_the_machine_and_is_recovered() -> None:
 
 
 @pytest.mark.nightly
-def test_the_operator_answers_the_question_that_the_lamp_asks(tmp_path: Path) -> None:
-    results, _ = judge(["fault"], only="jammed:conveyor", io_map=_with_lamp(tmp_path))
+def test_the_operator_answers_the_question_that_the_lamp_asks() -> None:
+    results, _ = judge(["fault"], only="jammed:conveyor")
     (fault,) = _by_group(results, "fault")
     assert fault.verdict is CaseVerdict.PASSED, fault.reasons
 
 
-def _with_lamp(folder: Path) -> IoMap:
-    source = Path(default_map().path)
-    text = source.read_text("utf-8")
-    line = next(each for each in text.splitlines() if "tag: lamp_amber" in each)
-    (folder / "map.yaml").write_text(text.replace(line, line.replace("wired: false", "wired: true ")), "utf-8")
-    return load_io_map(folder / "map.yaml")
+@pytest.mark.nightly
+def test_a_question_without_a_lamp_is_not_judged() -> None:
+    results, _ = judge(["fault"], only="jammed:conveyor", io_map=unwired("lamp_amber"))
+    (fault,) = _by_group(results, "fault")
+    assert fault.verdict is CaseVerdict.NOT_RUN
+    assert fault.reasons == ["lamp_amber is not wired, so that the operator cannot be asked for the tray"]
 
 
 def _keeps_moving(bench: Bench, on: set[str]) -> set[str]:

@@ -18,6 +18,8 @@ IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 SLIDE_INWARD = IO_MAP["left.slide_inward"].number
 SPREAD = IO_MAP["left.spread"].number
+LAST = max(point.number for point in IO_MAP.outputs if point.moves)
+"""Number of the last output that moves something."""
 
 
 def make_module(io_map: IoMap = IO_MAP, *, watchdog_ms: int = 100) -> IoModule:
@@ -45,7 +47,7 @@ ALL_OFF = one_on(-1)
 def test_outputs_are_safe_before_the_first_write() -> None:
     io_map = with_active_low_output("tray_run")
     module = make_module(io_map)
-    assert module.outputs == [True] + [False] * 17
+    assert module.outputs == [True] + [False] * 20
     assert module.watchdog_state is WatchdogState.UNARMED
 
 
@@ -152,7 +154,7 @@ class TestTripped:
         assert module.tripped
         return module
 
-    @pytest.mark.parametrize("number", range(IO_MAP.output_count))
+    @pytest.mark.parametrize("number", [point.number for point in IO_MAP.outputs])
     def test_refuses_each_unsafe_output(self, module: IoModule, number: int) -> None:
         with pytest.raises(ModuleFault, match="tripped at 101 ms"):
             module.write_outputs(0, one_on(number))
@@ -173,17 +175,17 @@ class TestTripped:
         assert module.tripped_at_ms == 251
 
     def test_an_incomplete_safe_write_is_accepted_but_does_not_reset_the_trip(self, module: IoModule) -> None:
-        module.write_outputs(0, ALL_OFF[:-1])
-        module.write_outputs(1, ALL_OFF[1:-1])
+        module.write_outputs(0, ALL_OFF[:LAST])
+        module.write_outputs(1, ALL_OFF[1:LAST])
         assert module.tripped
-        module.write_outputs(IO_MAP.output_count - 1, [False])
+        module.write_outputs(LAST, [False])
         assert not module.tripped
 
     def test_an_unsafe_write_discards_the_safe_writes_before_it(self, module: IoModule) -> None:
-        module.write_outputs(0, ALL_OFF[:-1])
+        module.write_outputs(0, ALL_OFF[:LAST])
         with pytest.raises(ModuleFault):
             module.write_outputs(SLIDE_INWARD, [True])
-        module.write_outputs(IO_MAP.output_count - 1, [False])
+        module.write_outputs(LAST, [False])
         assert module.tripped
 
     def test_time_alone_changes_nothing(self, module: IoModule) -> None:
@@ -194,9 +196,9 @@ class TestTripped:
 
 def test_safe_writes_before_the_trip_do_not_count_towards_its_reset() -> None:
     module = make_module()
-    module.write_outputs(0, ALL_OFF[:-1])
+    module.write_outputs(0, ALL_OFF[:LAST])
     module.advance(101)
-    module.write_outputs(IO_MAP.output_count - 1, [False])
+    module.write_outputs(LAST, [False])
     assert module.tripped
 
 
@@ -216,25 +218,23 @@ def test_the_safe_level_is_that_of_the_map_and_not_off() -> None:
 @pytest.mark.parametrize("first", [-1, IO_MAP.output_count - 1])
 def test_a_write_is_applied_completely_or_not_at_all(first: int) -> None:
     module = make_module()
-    with pytest.raises(ValueError, match="exceed the 18"):
+    with pytest.raises(ValueError, match="exceed the 21"):
         module.write_outputs(first, [True, True])
     assert module.outputs == ALL_OFF
     assert module.last_write_ms is None
 
 
 def test_outputs_without_a_wire_are_ignored_and_do_not_feed_the_watchdog() -> None:
-    """With tray_forward moved to Y24 (number 20), outputs 17 to 19 of the image have no terminal."""
-    moved = replace(IO_MAP["tray_forward"], number=20)
-    io_map = replace(IO_MAP, outputs=(*IO_MAP.outputs[:-1], moved))
-    module = make_module(io_map)
-    module.write_outputs(17, [True, True, True])
+    """Outputs 18 and 19 of the image, before the lamp at Y24 (number 20), have no terminal."""
+    module = make_module()
+    module.write_outputs(18, [True, True])
     assert module.outputs == [False] * 21
     assert module.watchdog_state is WatchdogState.UNARMED
-    module.write_outputs(0, [False] * 17 + [True] * 4)
+    module.write_outputs(0, [False] * 18 + [True] * 3)
     assert module.outputs == [False] * 20 + [True]
     assert module.block_writes == 1
     module.advance(101)
-    module.write_outputs(0, [False] * 17 + [True] * 3 + [False])
+    module.write_outputs(0, [False] * 18 + [True] * 2 + [False])
     assert not module.tripped, "an output without a terminal is always safe"
 
 

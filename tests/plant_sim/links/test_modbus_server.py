@@ -13,22 +13,21 @@ from controller.iomap.loader import IoMapError
 from plant_sim.links.box import BOX_COILS
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.telemetry import TELEMETRY_REGISTERS
+from tests.controller.common import modbus_rig
 from tests.controller.common.modbus_rig import (
     DEVICE_FAILURE,
     ILLEGAL_ADDRESS,
     ILLEGAL_FUNCTION,
     ILLEGAL_VALUE,
-    IO_MAP,
     READ_ALL_INPUTS,
     Client,
-    Rig,
     exception,
     frame,
-    make_module,
     read_pdu,
     write_coil_pdu,
     write_coils_pdu,
 )
+from tests.plant_sim.links.block_rig import IO_MAP, Rig, make_module
 from tests.sampling import one_in
 from tests.wiring import wired
 
@@ -247,6 +246,19 @@ def test_points_are_at_the_offsets_of_the_map_only() -> None:
         assert client.ask(write_coils_pdu(39, "01")) == bytes.fromhex("0f 0027 0002")
         assert rig.module.outputs == [True] + [False] * 17
         assert client.ask(write_coils_pdu(0, "1")) == exception(15, ILLEGAL_ADDRESS)
+
+
+@pytest.mark.parametrize("coils", [18, 19])
+def test_the_outputs_that_move_something_complete_the_block(coils: int) -> None:
+    """One request writes all outputs of the delivered map; a controller without a lamp writes the first 18."""
+    with modbus_rig.Rig() as rig:
+        client = rig.client()
+        assert client.ask(write_coils_pdu(0, "000001" + "0" * 12 + "1" * (coils - 18))) is not None
+        assert rig.module.plant.time_ms == 10
+        assert rig.module.outputs[20] is (coils == 19)
+        assert client.ask(write_coils_pdu(18, "1")) == bytes.fromhex("0f 0012 0001")
+        assert rig.module.plant.time_ms == 10
+        assert rig.module.outputs[20]
 
 
 def test_an_output_at_an_address_of_the_operator_box_is_rejected_in_one_line() -> None:

@@ -20,22 +20,19 @@ from plant_sim.links.server_thread import ServerThread
 from plant_sim.links.telemetry import TELEMETRY_REGISTERS
 from plant_sim.machine.plant import Plant
 from tests.controller.common.modbus_rig import (
-    ALL_OFF,
     DEVICE_FAILURE,
     ILLEGAL_ADDRESS,
-    IO_MAP,
     MACHINE,
     READ_ALL_INPUTS,
     Client,
-    Rig,
     exception,
     frame,
-    make_module,
     read_pdu,
     read_registers,
     write_coil_pdu,
     write_coils_pdu,
 )
+from tests.plant_sim.links.block_rig import ALL_OFF, IO_MAP, Rig, make_module
 
 
 @pytest.fixture

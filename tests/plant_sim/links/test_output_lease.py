@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -12,21 +13,21 @@ from plant_sim.links.io_module import IoModule, WatchdogState
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.machine.plant import Plant
 from tests.controller.common.modbus_rig import (
-    ALL_OFF,
     MACHINE,
     READ_ALL_INPUTS,
     Client,
-    Rig,
     exception,
     read_pdu,
     read_registers,
     write_coil_pdu,
     write_coils_pdu,
 )
+from tests.plant_sim.links import block_rig
+from tests.plant_sim.links.block_rig import ALL_OFF, Rig
 from tests.wiring import wired
 
 DEVICE_BUSY = 6
-IO_MAP = wired("planter_speed")
+IO_MAP = replace(block_rig.IO_MAP, registers=wired("planter_speed").registers)
 (REGISTER,) = IO_MAP.registers
 AT = REGISTER.offset
 WRITE_ONE = struct.pack(">BHH", 6, AT, 500)

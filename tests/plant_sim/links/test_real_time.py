@@ -12,7 +12,8 @@ from plant_sim.links.durations import Durations
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.real_time import MOST_TICKS_AT_A_REQUEST, RealTime, precise_loop
 from plant_sim.links.write_timing import MOST_CLIENTS, ClientTiming, LinkTiming
-from tests.controller.common.modbus_rig import READ_ALL_INPUTS, Rig, make_module, read_registers, write_coils_pdu
+from tests.controller.common.modbus_rig import READ_ALL_INPUTS, read_registers, write_coils_pdu
+from tests.plant_sim.links.block_rig import Rig, make_module
 
 
 class TestDurations:

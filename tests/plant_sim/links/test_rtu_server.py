@@ -18,7 +18,8 @@ from controller.common.serial_server import REOPEN_S
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.telemetry import TELEMETRY_REGISTERS, read_telemetry
 from scripts.benchmark.live.serial_cable import SerialCable
-from tests.controller.common.modbus_rig import PATIENT_S, READ_ALL_INPUTS, Rig, make_module, read_registers
+from tests.controller.common.modbus_rig import PATIENT_S, READ_ALL_INPUTS, read_registers
+from tests.plant_sim.links.block_rig import Rig, make_module
 
 UNIT = 3
 BAUD = 115_200

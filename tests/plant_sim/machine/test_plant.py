@@ -13,7 +13,7 @@ from controller.common.modbus.io_map import Polarity
 from plant_sim.crop.seedling import Location
 from plant_sim.machine.plant import Plant
 from tests.plant_sim.machine.plant_rig import IO_MAP, MACHINE, Rig
-from tests.wiring import wired
+from tests.wiring import unwired, wired
 
 NETWORK = ("receiver", "header", "manifold", "claw_reservoir", "claw_manifold")
 OUTPUTS = [point.tag for point in IO_MAP.outputs]
@@ -121,7 +121,8 @@ def test_the_level_of_a_stuck_sensor_is_at_its_terminal() -> None:
 def test_optional_points_appear_only_when_wired() -> None:
     rig = Rig()
     assert len(rig.plant.x) == IO_MAP.input_count
-    assert rig.plant.indicators == {}
+    assert rig.plant.indicators == {"lamp_amber": False}
+    assert Rig(io_map=unwired("lamp_amber")).plant.indicators == {}
     io_map = wired("reset", "air_pressure_ok", "magazine_empty", "horn", "lamp_green")
     rig = Rig(io_map=io_map)
     assert len(rig.plant.x) == max(25, IO_MAP.input_count)
@@ -130,7 +131,7 @@ def test_optional_points_appear_only_when_wired() -> None:
     assert [rig.active(tag) for tag in ("reset", "air_pressure_ok", "magazine_empty")] == [True, True, False]
     rig.run(4_000, "tray_run", "tray_forward", "lamp_green")
     assert rig.active("magazine_empty")
-    assert rig.plant.indicators == {"horn": False, "lamp_green": True}
+    assert rig.plant.indicators == {"horn": False, "lamp_amber": False, "lamp_green": True}
 
 
 def test_a_terminal_without_a_wire_stays_off() -> None:
@@ -174,7 +175,7 @@ def test_negative_times_and_incomplete_images_are_rejected() -> None:
     plant = Rig().plant
     with pytest.raises(ValueError, match="must be 0 or more"):
         plant.step(-1, IO_MAP.safe_outputs())
-    with pytest.raises(ValueError, match="17 levels"):
+    with pytest.raises(ValueError, match="20 levels"):
         plant.step(10, IO_MAP.safe_outputs()[:-1])
     assert plant.time_ms == 0
 

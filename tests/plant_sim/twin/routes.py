@@ -213,11 +213,12 @@ def homing_from_a_row_half_closed(twin: Twin, side: Side) -> None:
 
 
 def homing_in_doubt(twin: Twin, side: Side) -> None:
-    """Power-cycle while the claws close, and start homing."""
+    """Power-cycle while the claws close, and start homing by command: X0 answers the question that is shown."""
     run_to("close claws")(twin, side)
     twin.power_cycle()
-    twin.scan()
-    begin_homing(twin)
+    twin.run_for(50)
+    twin.command("reset")
+    twin.run_until_state(State.RESETTING, within_ms=50)
 
 
 def restart_tractor(twin: Twin) -> None:

@@ -142,6 +142,11 @@ class Change(NamedTuple):
     on: bool
 
 
+def moving_outputs(twin: Twin) -> set[str]:
+    """Return the tags of the outputs that are on and move something."""
+    return twin.outputs() & {point.tag for point in twin.io_map.outputs if point.moves}
+
+
 class ChangeRecorder:
     """Recorder of changes, scan by scan; within a scan, releases come before activations.
 

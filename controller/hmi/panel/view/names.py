@@ -223,6 +223,7 @@ _CONDITIONS: Final = {
         "tray.no tray": ("tray timeout elapsed", "无苗盘超时"),
         "tray.permit": ("feeder permitted", "允许送盘"),
         "tray.phase": ("tray", "苗盘状态"),
+        "tray.place known": ("place of the tray known", "苗盘位置已确认"),
         "tray.settle": ("settling time elapsed", "稳定时间到"),
         "tray_front_edge": ("tray front edge detected", "检测到苗盘前沿"),
     }.items()

@@ -228,6 +228,7 @@ def test_the_example_of_the_documentation(capsys: pytest.CaptureFixture[str]) ->
     assert ["X25", "emergency_stop", "sensors", "unit", "1", "discrete_input", "21"] in lines
     assert ["Y14", "right.spread", "valves", "unit", "1", "holding_register", "2048", "bit", "13"] in lines
     assert ["Y17", "right.claws_open", "claws", "unit", "5", "coil", "2"] in lines
+    assert ["Y24", "lamp_amber", "claws", "unit", "5", "coil", "4"] in lines
 
 
 def test_the_guide_names_every_profile() -> None:

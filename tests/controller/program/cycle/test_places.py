@@ -9,7 +9,7 @@ from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.twin.commissioning import MisfitError, set_points_of
 from plant_sim.twin.lock_step import SCAN_MS, Twin
-from plant_sim.twin.recovery import home_again
+from plant_sim.twin.recovery import answer_truly, home_again
 from tests.plant_sim.twin.routes import finish, run_to
 from tests.plant_sim.twin.twin_rig import (
     ALARM,
@@ -101,6 +101,7 @@ def test_an_implausible_switch_is_checked_before_it_is_trusted(step: str, switch
     presses = 0
     while presses < 3 or twin.state is not State.HELD:
         presses += 1
+        answer_truly(twin)
         twin.press("start")
         twin.run_for(100)
         twin.run_until_state(State.IDLE, State.HELD, within_ms=60_000)

@@ -23,6 +23,7 @@ from tests.plant_sim.twin.twin_rig import (
     free,
     go_on,
     is_parked_loaded,
+    moving_outputs,
     scan_ms,
     switched_on,
     tags_of,
@@ -154,7 +155,7 @@ def test_without_a_third_tray_the_machine_is_suspended_until_one_is_inserted_and
     twin.run_for(20_000)
     magazine.in_magazine += 1
     twin.run_for(5_000)
-    assert (twin.state, twin.outputs(), twin.alarms()) == (State.SUSPENDED, set(), [])
+    assert (twin.state, moving_outputs(twin), twin.alarms()) == (State.SUSPENDED, set(), [])
     twin.press("start")
     twin.run_until_state(State.EXECUTE, within_ms=200)
     twin.run_until(twin.machine.tags.machine.trays_done.equals(3), within_ms=2 * TRAY_MS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from controller.program.states import Mode, State
 from controller.program.tags import Side
 from plant_sim.twin.lock_step import Twin
+from plant_sim.twin.recovery import home_again
 from tests.plant_sim.twin.routes import run_row_1
 from tests.plant_sim.twin.twin_rig import switched_on
 
@@ -37,7 +38,7 @@ def to_continuous(twin: Twin) -> None:
     """Go from manual mode to automatic operation."""
     stop(twin)
     change_mode(twin, Mode.CONTINUOUS)
-    twin.home()
+    home_again(twin)
     twin.start()
 
 

@@ -9,7 +9,7 @@ from controller.program.operator.commands import ARM_OUTPUTS, JOGGED
 from controller.program.states import Mode, State
 from controller.program.tags import FULL, IN_PLACE, IN_PROGRESS, ROWS, SIDES, TAKEN, Side
 from plant_sim.twin.lock_step import SCAN_MS, Twin
-from plant_sim.twin.recovery import begin_homing, home_again, questions
+from plant_sim.twin.recovery import home_again, questions
 from tests.controller.program.modes.hands import (
     blocking_rule,
     bring_to_feed,
@@ -27,6 +27,7 @@ from tests.plant_sim.twin.twin_rig import (
     ChangeRecorder,
     arm_of,
     at_work,
+    moving_outputs,
     scan_ms,
     switched_on,
     tags_of,
@@ -139,7 +140,7 @@ def test_outside_manual_mode_no_output_can_be_jogged() -> None:
     for number, output in enumerate(JOGGED, 1):
         twin.command(jog_command(output))
         twin.scan()
-        assert twin.outputs() == set()
+        assert moving_outputs(twin) == set()
         assert len([event for event in twin.events if isinstance(event, RefusalEvent)]) == number
         assert last_refusal(twin) == "cannot jog: manual mode is not started"
 
@@ -161,7 +162,7 @@ def test_in_manual_mode_the_machine_must_be_started_first() -> None:
             twin.home()
         twin.command(jog_command("left.lift_retract"))
         twin.run_for(50)
-        assert twin.outputs() == set()
+        assert moving_outputs(twin) == set()
         assert last_refusal(twin) == "cannot jog: manual mode is not started"
     twin.start()
     twin.command(jog_command("left.lift_retract"))
@@ -297,7 +298,7 @@ def test_a_tray_moved_in_manual_mode_raises_the_question_and_is_conveyed_out() -
     assert blocking_rule(twin, "left") == "tray in place"
     stop(twin)
     change_mode(twin, Mode.CONTINUOUS)
-    begin_homing(twin)
+    twin.command("reset")  # X0 answers the question that the lamp shows
     twin.run_until_state(State.HELD, within_ms=20_000)
     assert questions(twin) == {"tray"}
     twin.command("tray_none")

@@ -16,7 +16,7 @@ from controller.program.operator.next_press import NextPress
 from controller.program.states import State
 from controller.program.tags import FULL, IN_DOUBT, TAKEN
 from plant_sim.twin.lock_step import Twin
-from plant_sim.twin.recovery import press_emergency_stop
+from plant_sim.twin.recovery import home_again, press_emergency_stop
 from tests.controller.program.recovery.test_disturbances import pull_the_cable
 from tests.controller.program.recovery.test_ways_out import power_lost_clamping, read, refusals, rows, show_panel
 from tests.plant_sim.twin.twin_rig import switched_on
@@ -266,7 +266,7 @@ def test_each_button_gives_its_own_answer(name: str, row: int) -> None:
     twin = use.prepare()
     twin.press(use.button, for_ms=use.shortest_ms + TOLERANCE_MS)
     twin.run_for(use.shortest_ms + 2 * TOLERANCE_MS)
-    twin.home()
+    assert home_again(twin) == {"tray"}
     assert rows(twin, "left")[1] == row
 
 

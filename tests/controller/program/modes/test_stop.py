@@ -10,6 +10,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
+from plant_sim.faults import Fault
 from plant_sim.twin.lock_step import Twin
 from tests.plant_sim.twin.twin_rig import (
     ALARM,
@@ -18,6 +19,7 @@ from tests.plant_sim.twin.twin_rig import (
     at_work,
     go_on,
     is_parked_loaded,
+    moving_outputs,
     other_side,
     scan_ms,
     switched_on,
@@ -124,7 +126,7 @@ def test_arms_with_rows_over_cups_at_rest_suspend_the_machine_until_the_cups_mov
     assert NO_CUPS_MS - TICK_MS <= scan_ms(twin) - last_cup_ms(cups, first) <= NO_CUPS_MS + 40
     assert twin.plc.read(tags_of(twin, first).no_cups)
     twin.run_for(20_000)
-    assert (twin.state, twin.outputs(), twin.alarms()) == (State.SUSPENDED, set(), [])
+    assert (twin.state, moving_outputs(twin), twin.alarms()) == (State.SUSPENDED, set(), [])
     assert all(twin.in_step(f"{side} arm", "wait for cups") for side in SIDES)
     start_tractor(twin)
     twin.run_until_state(State.EXECUTE, within_ms=4_000)
@@ -172,6 +174,23 @@ def test_two_cups_on_one_side_and_none_on_the_other_hold_the_machine(side: Side)
     twin.run_until_state(State.HELD, within_ms=5_000)
     assert is_parked_loaded(twin, side)
     twin.plant.arms[side].cups.jammed = False
+    go_on(twin)
+    assert to_complete(twin) == undisturbed()
+
+
+@pytest.mark.parametrize("earlier_ms", [0, 10, 20, 30])
+def test_a_stop_in_the_scan_of_a_cup_alarm_parks_the_rows(earlier_ms: int) -> None:
+    """No row is released while the alarm is set, which only homing resets: waiting for cups would never end."""
+    twin = both_waiting()
+    twin.plant.faults.add(Fault("doubled_pulses", "left.cup_pulse", size=0.75))
+    before = twin.snapshot()
+    alarm_ms = twin.run_until(ALARM, within_ms=12_000, what="an alarm")
+    twin.restore(before)
+    twin.run_for(alarm_ms - earlier_ms)
+    press_stop(twin)
+    twin.run_until_state(State.STOPPED, State.HELD, within_ms=12_000)
+    twin.plant.faults.clear("doubled_pulses:left.cup_pulse")
+    assert all(is_parked_loaded(twin, side) for side in SIDES)
     go_on(twin)
     assert to_complete(twin) == undisturbed()
 

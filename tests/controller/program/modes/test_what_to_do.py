@@ -21,6 +21,7 @@ from plant_sim.twin.lock_step import Twin
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.program.recovery.test_ways_out import power_lost_clamping, read, show_panel
 from tests.plant_sim.twin.twin_rig import arm_of, switched_on
+from tests.wiring import unwired
 
 HANDS = re.compile(r"\b(?:fill|push|remove)\b|补盘|取走|推|排除", re.IGNORECASE)
 """Words of the line for what a hand does in the machine."""
@@ -114,7 +115,7 @@ def test_the_line_names_the_alarm_that_stopped_work() -> None:
 
 def test_the_console_tells_every_line_once() -> None:
     """With the state or the refusal in whose scan it changes, or else in an event of its own."""
-    twin = power_lost_clamping("left")
+    twin = power_lost_clamping("left", unwired("lamp_amber"))
     show_panel(twin)
     twin.events.clear()
     twin.run_for(200)
@@ -193,7 +194,7 @@ def test_no_answer_is_asked_for_while_the_machine_still_stops() -> None:
     """X24 answers *no* in Held and stops as well: as long as anything may move, an answer is refused."""
     twin = power_lost_clamping("left")
     show_panel(twin)
-    twin.press("start")
+    twin.command("reset")
     twin.run_until_state(State.HELD, within_ms=40_000)
     twin.run_for(200)
     assert read(twin, "next_press") == NextPress.ANSWER_LEFT_LOADED

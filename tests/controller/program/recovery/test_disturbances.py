@@ -14,7 +14,15 @@ from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import home_again
 from tests.controller.program.recovery.cable import CableLink
 from tests.plant_sim.twin.routes import Route, Stop, finish, interrupted, route_to
-from tests.plant_sim.twin.twin_rig import arm_of, at_work, tags_of, undisturbed, until_picking, until_step
+from tests.plant_sim.twin.twin_rig import (
+    arm_of,
+    at_work,
+    moving_outputs,
+    tags_of,
+    undisturbed,
+    until_picking,
+    until_step,
+)
 from tests.sampling import first_of
 
 CLAW_LIMIT_MS = 3_000
@@ -51,7 +59,7 @@ def test_a_link_lost_in_any_step_derives_no_state_from_assumed_inputs(stop: Stop
     twin.run_for(50)
     pull_the_cable(twin, 500)
     assert twin.state == State.ABORTED
-    assert not twin.outputs()
+    assert not moving_outputs(twin)
     after = [twin.plc.read(word) for side in sides for word in tags_of(twin, side).rows.values()]
     if stop.title not in ("settle at row", "close claws", "lift from row", "raise loaded", "settle", "put back"):
         assert after == before
@@ -292,7 +300,7 @@ def test_discard_answers_the_question() -> None:
     twin.command("left_discard")
     twin.run_for(100)
     assert twin.plc.read(tags_of(twin, "left").ask) == 0
-    twin.home(within_ms=60_000)
+    assert home_again(twin) == {"tray"}
     assert twin.plc.read(tags_of(twin, "left").loaded) == 0
     assert twin.plc.read(tags_of(twin, "left").discard) == 0
 

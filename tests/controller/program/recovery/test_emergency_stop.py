@@ -15,7 +15,7 @@ from controller.program.tags import SIDES, Side
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import clear, home_again, press_emergency_stop
 from tests.plant_sim.twin.routes import BRISK, Route, Stop, finish, interrupted, route_to, run_to
-from tests.plant_sim.twin.twin_rig import arm_of, switched_on, tags_of, undisturbed
+from tests.plant_sim.twin.twin_rig import arm_of, moving_outputs, switched_on, tags_of, undisturbed
 
 SEEN_MS = 2 * SCAN_MS
 """Delay of the input filter, ms: X25 is accepted after 10 ms, in the second scan."""
@@ -195,7 +195,7 @@ def test_an_emergency_stop_pressed_at_power_up() -> None:
     twin.press("start")
     twin.run_for(500)
     assert twin.state is State.ABORTED
-    assert not twin.outputs()
+    assert not moving_outputs(twin)
     clear(twin)
     home_again(twin)
     finish(twin)

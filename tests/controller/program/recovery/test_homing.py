@@ -5,6 +5,7 @@ Rule 7, a question to the operator, is tested in `test_questions`.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import pytest
@@ -12,7 +13,16 @@ import pytest
 from controller.program.states import State
 from controller.program.tags import FULL, ROWS, SIDES, TAKEN, Side
 from plant_sim.twin.lock_step import SCAN_MS, Twin
-from plant_sim.twin.recovery import begin_homing, clear, home_again, operate_manually, press_emergency_stop, questions
+from plant_sim.twin.recovery import (
+    HOMING_LIMIT_MS,
+    answer_truly,
+    begin_homing,
+    clear,
+    home_again,
+    operate_manually,
+    press_emergency_stop,
+    questions,
+)
 from tests.plant_sim.twin.routes import BRISK, finish, run_row_1, run_to
 from tests.plant_sim.twin.twin_rig import (
     ChangeRecorder,
@@ -64,10 +74,17 @@ def stopped_after_row_1(side: Side) -> Twin:
     return twin
 
 
-def homed(twin: Twin) -> ChangeRecorder:
-    """Home the machine, check that no question is asked, and return the output changes."""
+def homed(twin: Twin, asked: Collection[str] = ("tray",)) -> ChangeRecorder:
+    """Home the machine, check what is asked, answer and home again; return the output changes of the first homing."""
     recorder = ChangeRecorder.of_outputs(twin)
-    assert home_again(twin) == set()
+    begin_homing(twin)
+    twin.run_until_state(State.IDLE, State.HELD, within_ms=HOMING_LIMIT_MS)
+    first = [*recorder.changes]
+    assert questions(twin) == {*asked}
+    if asked:
+        answer_truly(twin)
+        assert home_again(twin) == set()
+    recorder.changes[:] = first
     return recorder
 
 
@@ -134,7 +151,7 @@ def test_claws_in_an_unknown_state_count_as_closed_and_holding_a_row(side: Side,
     twin = machine()
     arm_of(twin, side).place(x_m=0.15, is_open=is_open)
     assert is_loaded(twin, side)
-    recorder = homed(twin)
+    recorder = homed(twin, asked=())
     assert output_order(recorder, side) == ["lift_retract", "slide_outward"]
     assert is_loaded(twin, side)
     assert arm_of(twin, side).sensors["lift_up"].read()
@@ -146,7 +163,7 @@ def test_the_tray_waits_until_both_arms_are_home() -> None:
     twin = machine()
     arm_of(twin, "left").place(x_m=0.10)
     arm_of(twin, "right").place(x_m=0.20)
-    recorder = homed(twin)
+    recorder = homed(twin, asked=())
     run_ms = next(change.at_ms for change in recorder.changes if change.name == "tray_run")
     ((_, left_ms),) = times(recorder, "left", "slide_outward")
     ((_, right_ms),) = times(recorder, "right", "slide_outward")
@@ -227,8 +244,10 @@ def test_an_empty_arm_that_is_down_moves_out_without_lifting(side: Side, step: s
         highest_m = max(highest_m, arm.lift.rise_m)
         twin.scan()
     assert highest_m < 0.006
-    twin.run_until_state(State.IDLE, within_ms=10_000)
+    twin.run_until_state(State.HELD, within_ms=10_000)
     assert output_order(recorder, side) == EMPTY_AT_FEED
+    assert answer_truly(twin) == {"tray"}
+    assert home_again(twin) == set()
     assert at_initial_state(twin, side)
     assert rows(twin, side) == [TAKEN, FULL, FULL]
     resumes_with(twin, side, 2)
@@ -323,7 +342,7 @@ def test_an_arm_pushed_away_from_home_is_brought_back(side: Side) -> None:
     operate_manually(twin, f"{side}.lift_retract", for_ms=600)
     assert not arm_of(twin, side).sensors["slide_at_feed"].read()
     assert questions(twin) == set()
-    assert output_order(homed(twin), side)[:2] == ["lift_retract", "slide_outward"]
+    assert output_order(homed(twin, asked=()), side)[:2] == ["lift_retract", "slide_outward"]
     assert at_initial_state(twin, side)
     finish(twin)
     assert twin.plant.counts() == undisturbed()

@@ -12,7 +12,9 @@ from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.states import State
 from plant_sim.twin.lock_step import SCAN_MS, Twin
+from plant_sim.twin.recovery import home_again
 from tests.controller.program.recovery.cable import CableLink
+from tests.plant_sim.twin.twin_rig import moving_outputs
 
 LIMIT_MS = 100
 
@@ -71,7 +73,7 @@ def test_nothing_restarts_when_the_link_returns(cabled: tuple[Twin, CableLink]) 
     twin.run_for(3_000)
     cable.pulled = False
     moved: set[str] = set()
-    twin.watch(lambda t: moved.update(t.outputs()))
+    twin.watch(lambda t: moved.update(moving_outputs(t)))
     twin.run_for(2_000)
     assert not twin.runtime.link_lost
     assert twin.state == State.ABORTED
@@ -80,7 +82,7 @@ def test_nothing_restarts_when_the_link_returns(cabled: tuple[Twin, CableLink]) 
     twin.run_until_state(State.STOPPED, within_ms=50)
     twin.run_for(1_000)
     assert moved == set()
-    twin.home()
+    assert home_again(twin) == {"tray"}
     twin.start()
     twin.run_until_state(State.COMPLETE, within_ms=100_000)
     counts = twin.plant.counts()

@@ -23,7 +23,7 @@ from tests.controller.program.modes.hands import jog_command, stop, to_manual
 from tests.plant_sim.twin.routes import BRISK, run_to
 from tests.plant_sim.twin.twin_rig import MACHINE, TRAY_MS, other_side, switched_on, tags_of
 from tests.sampling import first_of
-from tests.wiring import wired
+from tests.wiring import unwired, wired
 
 PRESSES = {NEXT_PRESSES[press].en: press for press in NextPress} | {"": NextPress.NONE}
 HELD_MS = 2_300
@@ -100,13 +100,13 @@ def test_held_buttons_answer_a_question_that_a_panel_shows(side: Side, button: s
     assert twin.state.name == "STOPPED"
     assert questions(twin) == set()
     assert refusals(twin) == []
-    assert home_again(twin) == set()
+    assert home_again(twin) == {"tray"}
     assert rows(twin, side)[1] == (FULL if row_2 is None else row_2)
 
 
 @pytest.mark.parametrize("button", ["start", "stop"])
 def test_buttons_answer_nothing_that_no_lamp_or_panel_shows(button: str) -> None:
-    twin = power_lost_clamping("left")
+    twin = power_lost_clamping("left", unwired("lamp_amber"))
     twin.press(button, for_ms=HELD_MS)
     twin.run_for(HELD_MS + 100)
     assert rows(twin, "left")[1] == IN_DOUBT
@@ -376,7 +376,7 @@ def test_an_arm_out_of_service_survives_a_loss_of_power_and_returns() -> None:
     assert twin.plc.read(tags_of(twin, "left").out_of_service)
     twin.command("left_in_service")
     twin.run_for(50)
-    twin.home()
+    assert home_again(twin) == {"tray"}
     twin.start()
     twin.run_until(twin.step_of("left arm", "approach row"), within_ms=TRAY_MS, what="left arm works")
 

@@ -110,6 +110,21 @@ def test_a_known_cause_still_does_harm(known: KnownHarm) -> None:
     assert not known.kinds & {*others} or "double" in others  # the other fault of a story of two does other harm
 
 
+MENDED = (
+    "seed=541 trays=3 work=30540; 31100 press emergency_stop for=530; 31570 push =19.6",
+    "seed=613 trays=3 work=39830; 40690 press stop for=2300; 42150 fault halved_flags:right.cup_pulse =0.733 for=3010",
+    "seed=1 trays=2 work=9000; 10000 fault doubled_pulses:left.cup_pulse =0.75 for=8400; 10030 command stop",
+    "seed=755 trays=3 work=0; 11910 tend; 26470 tend; "
+    "26780 fault doubled_pulses:left.cup_pulse =0.75 for=18400; 26810 command stop",
+)
+"""Stories that did harm before the program asked about the tray and watched the cups in Stopping."""
+
+
+@pytest.mark.parametrize("text", MENDED)
+def test_a_mended_cause_does_no_harm(text: str) -> None:
+    assert judge().of_played(played(text)).of_story in {HarmClass.NONE, HarmClass.TOLD}
+
+
 def harmed(*kinds: str, **values: object) -> PlayedStory:
     """Return a played story with one harm, after a fault that the fault matrix expects to do no harm."""
     action = StoryAction(5, Deed.FAULT, "jammed:left.slide")
@@ -126,7 +141,7 @@ CLASSES = [
     (harmed("torn", acted=(PUSH,)), HarmClass.KNOWN),
     (harmed("double", acted=(PUSH,)), HarmClass.SILENT),
     (harmed(NOT_RECOVERED, acted=(PUSH,)), HarmClass.STUCK),
-    (harmed(NOT_RECOVERED, acted=(DOUBLED,)), HarmClass.KNOWN),
+    (harmed(NOT_RECOVERED, acted=(DOUBLED,)), HarmClass.STUCK),
     (harmed("stems_cut", LOST, acted=(StoryAction(5, Deed.FAULT, "jammed:left.lift"),)), HarmClass.HIDDEN),
     (harmed("torn", acted=(StoryAction(5, Deed.FAULT, "jammed:left.lift"),)), HarmClass.SILENT),
     (harmed("dropped", LOST, acted=(StoryAction(5, Deed.FAULT, "jammed:left.claws"),)), HarmClass.HIDDEN),
@@ -151,7 +166,8 @@ def test_the_class_of_a_harm(story: PlayedStory, expected: HarmClass) -> None:
 def test_silent_harm_that_an_order_hides_is_found() -> None:
     """An order before it would excuse it; the story is played again without the order."""
     strict = StoryJudge(StoryPlayer(MACHINE, PARAMETERS), accepted_harm)
-    excused = played(f"{KNOWN[0].replay}; 17000 command left_discard")
+    order = "46000 override left.lift_extend for=100"
+    excused = played(KNOWN[0].replay.replace("50000 tend", f"{order}; 50000 tend"))
     assert strict.of_played(excused).of_story is HarmClass.ORDERED
     assert strict.sighting(excused).of_story is HarmClass.SILENT
     assert judge().sighting(excused).of_story is HarmClass.ORDERED

@@ -110,8 +110,6 @@ def test_a_false_answer_is_an_order_and_a_true_one_is_none() -> None:
         twin.run_for(150)
         twin.power_cycle()
         twin.run_for(300)
-        twin.press("start")
-        twin.run_until_state(State.HELD, within_ms=40_000)
         assert questions(twin) == {"left loaded"}
         assert do(hands, text)
         twin.run_for(300)

@@ -48,7 +48,7 @@ def test_a_printed_command_replays_its_story(
     assert code == 1
     [finding] = [line for line in lines if line.startswith("finding: ")]
     assert finding.startswith("finding: silent harm: lost, stems_cut at ")
-    assert "  6 actions minimised to 2" in lines
+    assert "  7 actions minimised to 2" in lines
     words = shlex.split(next(line for line in lines if "--replay" in line))
     assert words[:4] == ["python", "-m", "plant_sim", "stories"]
     assert len(parse_story(words[-1]).actions) == 2
