@@ -68,6 +68,7 @@ def home_again(twin: Twin) -> set[str]:
         NotReachedError: Homing ends in an alarm or does not end.
     """
     asked: set[str] = set()
+    twin.scan()  # after a power cycle, the first scan asks
     for _ in range(3):
         asked |= answer_truly(twin)  # the buttons do not home while a question is shown
         begin_homing(twin)
