@@ -76,7 +76,10 @@ INPUT = PointKind(
         "stop",
         "emergency_stop",
     ),
-    optional=("reset", "air_pressure_ok", "magazine_empty", "ground_pulse"),
+    optional=(
+        *("reset", "air_pressure_ok", "magazine_empty", "ground_pulse", "guard"),
+        *_both_arms("claw_pressure", "seedling_beam", "cup_filled"),
+    ),
 )
 OUTPUT = PointKind(
     noun="output",
@@ -114,7 +117,11 @@ _POINT_NAMES: Final[dict[str, tuple[str, str]]] = {
     "air_pressure_ok": ("main air pressure OK", "主气压正常"),
     "magazine_empty": ("tray magazine empty", "苗盘仓已空"),
     "ground_pulse": ("ground wheel has travelled one pulse distance", "地轮行进一个脉冲距离"),
+    "guard": ("guard open", "安全门打开"),
     "planter_speed": ("planter chain speed, mm/s", "栽植器链条速度（毫米/秒）"),
+    "claw_pressure": ("air pressure closes the claws", "夹爪闭合气压到位"),
+    "seedling_beam": ("stem in the beam before the cups", "苗茎遮挡苗杯前的光电开关"),
+    "cup_filled": ("plug in the cup behind the claws", "夹爪后方的苗杯内有苗"),
     "tray_front_edge": ("front edge of a tray detected", "检测到苗盘前沿"),
     "tray_run": ("tray stepper running", "苗盘步进电机运行"),
     "tray_forward": ("tray stepper forward", "苗盘步进电机正转"),

@@ -9,12 +9,13 @@ from typing import Final
 
 from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
+from controller.core.rungs import Add, Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms.limits import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
 from controller.program.cups import cup_count
 from controller.program.interlocks import in_the_way
 from controller.program.places import leaving, places
+from controller.program.set_points import CUPS
 from controller.program.states import Mode, State
 from controller.program.tags import FIRST_SCAN, FULL, IN_DOUBT, IN_PLACE, IN_PROGRESS, ROWS, TAKEN, ArmTags, Side, Tags
 
@@ -52,7 +53,7 @@ def cycle(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
         Step(
             "close claws",
             hold=[want["claws_close"]],
-            go=[To("lift from row", when=a.t_closing.done & a.at_wanted_row)],
+            go=[To("lift from row", when=a.closed & a.at_wanted_row)],
             watch=limit("close claws", CLAW_LIMIT_MS),
         ),
         Step(
@@ -96,7 +97,9 @@ def _throw_steps(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
                 To("parked", when=a.park & machine.stopping),
                 To(
                     "lower over cups",
-                    when=((a.cup_counter.value >= sp.descend_at_count) | a.count_good) & ~machine.holding,
+                    when=all_of(
+                        (a.cup_counter.value >= sp.descend_at_count) | a.count_good, ~machine.holding, ~tags.stands
+                    ),
                 ),
             ],
         ),
@@ -121,8 +124,8 @@ def _throw_steps(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
             "open claws",
             hold=[want["claws_open"]],
             go=[
-                To("raise empty", when=a.t_opening.done & sp.converge_at.differs(0)),
-                To("converge", when=a.t_opening.done),
+                To("raise empty", when=a.opened & sp.converge_at.differs(0)),
+                To("converge", when=a.opened),
             ],
             watch=limit("open claws", CLAW_LIMIT_MS),
         ),
@@ -161,6 +164,7 @@ def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> lis
         *_claws(tags, a),
         *_power_up(a, real),
         *cup_count(tags, a, steps),
+        *_carried(tags, a, steps),
         *_rows(tags, a, steps, home),
         *_permit(tags, a, steps),
     ]
@@ -169,7 +173,7 @@ def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> lis
 def _claws(tags: Tags, a: ArmTags) -> list[Rung]:
     """Return the rungs of the claw dwell timers, which run only while the coil is actually on.
 
-    No sensor detects whether the claws are open or closed.
+    No sensor detects whether the claws are open or closed; a wired pressure switch detects the air that closes them.
     """
     out = ~tags.system.outputs_held
     return [
@@ -258,19 +262,20 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
     a, machine = tags.arms[side], tags.machine
     released = steps["release delay"] & a.release_edge
     jog_open = machine.jogs[f"{side}.claws_open"]
-    # the last confirmed position, because a switch that sticks in this scan must not prevent the count
-    thrown = all_of(a.t_opening.done, a.loaded, a.was_at_feed, ~a.discard, ~jog_open)
+    # no switch is read, because one that sticks in this scan must not prevent the count
+    thrown = all_of(a.opened, a.loaded, ~a.row_in_progress, ~a.discard, ~jog_open)
     over_cups = ("wait to lower", "lower over cups", "wait for cups")
     settling_again = steps["settle at row"] & a.retried & ~steps["return to row"]
     off_row = ~a.at_wanted_row & (steps["close claws"] | settling_again)
     going_in = steps["approach row"] | machine.jogs[f"{side}.slide_inward"]
     rungs: list[Rung] = [
-        Pulse(a.thrown, when=thrown),
+        Out(a.thrown, when=thrown),
         Inc(a.cycles, when=a.thrown & a.claws_known),  # a load that is only assumed is no row
         Rst(a.cycles, when=tags.commands.count_reset),
         *_claws_memory(tags, a, steps, home, released),
         Set(a.count_valid, when=released),
         Set(a.row_running, when=released),
+        *_row_to_look_at(a, released),
         Rst(a.row_running, when=~(machine.running | machine.stopping) | (machine.target_reached & ~a.loaded)),
         Set(a.cycle_done, when=a.thrown & machine.mode.equals(Mode.ONE_CYCLE)),
         Rst(a.cycle_done, when=machine.state.equals(State.STARTING) | machine.mode.differs(Mode.ONE_CYCLE)),
@@ -290,6 +295,38 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
     return Block(f"{a.side} arm memory", tuple(rungs))
 
 
+def _carried(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
+    """Return the rungs that count the stems that cross the beam on the way to feed; none without the beam.
+
+    The count begins when the arm lifts the row: a lowered arm interrupts the beam on its way to the row.
+    """
+    carried, most = a.yields.carried, tags.sp.missing_most
+    if carried is None or most is None:
+        return []
+    missing = carried.missing
+    short = all_of(steps["slide to feed"], a.at_feed, missing > most)
+    return [
+        Pulse(carried.edge, when=carried.stem),
+        Add(missing, -1, missing, when=carried.edge),
+        Out(carried.short, when=short),
+        Set(carried.told, when=carried.short),
+        Mov(CUPS, missing, when=steps["lift from row"]),
+        Rst(carried.told, when=steps["lift from row"]),
+    ]
+
+
+def _row_to_look_at(a: ArmTags, released: Expr) -> list[Rung]:
+    """Return the rungs that begin to look at the cups of a released row.
+
+    They do not look at a row whose load is only assumed, or of which too few seedlings have been told already.
+    """
+    planted, carried = a.yields.planted, a.yields.carried
+    if planted is None:
+        return []
+    looks = all_of(released, a.claws_known, ~carried.told if carried is not None else TRUE)
+    return [Rst(planted.empty, when=released), Set(planted.looks, when=looks)]
+
+
 def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, released: Expr) -> list[Rung]:
     """Return the rungs that store the state of the claws and of the row they take or put back, in all modes.
 
@@ -301,11 +338,11 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
     takes = gripping & ~a.loaded
     closing = steps["close claws"] | (jog_close & (a.at_feed | all_of(a.at_wanted_row, a.down)))
     opening = any_of(steps["open claws"], home["put back"], home["open at feed"], jog_open)
-    opened = a.t_opening.done
-    put_back = all_of(opened, home["put back"] | (jog_open & a.at_wanted_row))
+    opened = a.opened
     discarded = a.loaded & a.at_feed & (home["open at feed"] | jog_open)
     return [
-        *(Mov(FULL, a.rows[row], when=put_back & a.rows[row].equals(IN_PROGRESS)) for row in ROWS),
+        # put back: over the cups, no row is in progress any more
+        *(Mov(FULL, a.rows[row], when=opened & a.rows[row].equals(IN_PROGRESS)) for row in ROWS),
         Rst(a.cup_counter, when=released | discarded),
         Rst(a.cups_confirmed, when=released | discarded),
         Rst(a.loaded, when=opened),
@@ -316,7 +353,7 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
         Set(a.loaded, when=gripping),
         Set(a.claws_closed, when=closing),
         Set(a.claws_known, when=closing),
-        Set(a.clamped, when=a.t_closing.done & a.claws_closed),
+        Set(a.clamped, when=a.closed & a.claws_closed),
         Rst(a.clamped, when=opening),
         Rst(a.discard, when=opened | ~a.loaded),
     ]

@@ -92,7 +92,8 @@ def cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
         Out(a.count_good, when=a.cup_counter.done | a.cups_confirmed),
         Out(
             a.release_edge,
-            when=all_of(a.cup, a.count_good, a.cups_steady, ~machine.cup_fault, machine.running | machine.stopping),
+            when=all_of(a.cup, a.count_good, a.cups_steady, ~machine.cup_fault, machine.running | machine.stopping)
+            & ~tags.stands,
         ),
         *_release(tags, a),
         Set(a.cups_confirmed, when=all_of(steps["release delay"], a.release_missed, ~machine.cup_fault)),
@@ -100,6 +101,33 @@ def cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
         Out(a.no_cups, when=a.t_no_cups.done),
         # while an alarm of the cups is set, no row is released
         Out(a.park, when=machine.holding | (machine.stopping & (a.no_cups | machine.cup_fault))),
+        *_planted(tags, a, steps),
+    ]
+
+
+def _planted(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
+    """Return the rungs that count the empty cups of a released row; none without the sensor for filled cups.
+
+    A cup is in front of the sensor at the edge of its flag. The first edge after the release shows the cup under the
+    last claw, the twelfth the one under claw 0. A cup counts as filled only if its plug has come in front of the sensor
+    since the last cup, so that a sensor that stays on counts empty cups like one that stays off.
+    """
+    planted, most = a.yields.planted, tags.sp.missing_most
+    if planted is None or most is None:
+        return []
+    machine = tags.machine
+    ends = any_of(FIRST_SCAN, machine.cup_fault, machine.resetting, tags.system.link_lost)
+    empty = all_of(a.cup, planted.looks, ~(planted.seen & planted.plug))
+    return [
+        Pulse(planted.edge, when=planted.plug),
+        Set(planted.seen, when=planted.edge),
+        Inc(planted.empty, when=empty),
+        Inc(planted.empty_cups, when=empty),
+        Rst(planted.empty_cups, when=tags.commands.count_reset),
+        Out(planted.short, when=planted.looks & (planted.empty > most)),
+        Rst(planted.looks, when=any_of(planted.short, a.cup & a.cup_counter.done, ends)),
+        Rst(planted.looks, when=steps["release delay"] & a.release_missed),
+        Rst(planted.seen, when=a.cup),
     ]
 
 

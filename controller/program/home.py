@@ -69,7 +69,7 @@ def _to_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
         Step(
             "put back",
             hold=[want["claws_open"]],
-            go=[To("out low", when=a.t_opening.done & a.down), To("raise empty", when=a.t_opening.done)],
+            go=[To("out low", when=a.opened & a.down), To("raise empty", when=a.opened)],
             watch=limit("home: put back", CLAW_LIMIT_MS),
         ),
         Step(
@@ -125,7 +125,7 @@ def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
         Step(
             "open at feed",
             hold=[want["claws_open"]],
-            go=[To("raise to converge", when=a.t_opening.done)],
+            go=[To("raise to converge", when=a.opened)],
             watch=limit("home: open at feed", CLAW_LIMIT_MS),
         ),
         Step(
@@ -171,8 +171,9 @@ def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
     The question is asked if memory and sensors disagree: a row is in doubt after a power loss, a row is in progress
     although the arm is at feed, which is possible only if it was moved manually, or an arm away from feed is loaded
     with claws that have not gripped and cannot put the row back, so that no rule permits the lift to rise. Answers are
-    accepted while the arm is at rest. If the arm holds nothing and the row cannot be put back, the row is full, and the
-    claws are opened where they are.
+    accepted while the arm is at rest; of two that contradict each other in one scan, the one that counts the arm as
+    loaded. If the arm holds nothing and the row cannot be put back, the row is full, and the claws are opened where
+    they are.
     """
     a, commands, machine = tags.arms[side], tags.commands, tags.machine
     open_row = a.row_in_doubt | (a.row_in_progress & a.sensed_at_feed)
@@ -181,7 +182,8 @@ def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
     undecided = a.row_in_doubt | a.row_in_progress
     can_put_back = undecided & ((a.down & ~a.sensed_at_feed) | _may_be_lowered(a))
     not_gripped = all_of(a.loaded, ~a.clamped, ~a.at_feed, ~can_put_back)
-    yes, no = accepted & (commands.loaded_yes[side] | discard), accepted & commands.loaded_no[side]
+    yes = accepted & (commands.loaded_yes[side] | discard)
+    no = all_of(accepted, commands.loaded_no[side], ~commands.loaded_yes[side], ~discard)
     rows: list[Rung] = []
     for row in a.rows.values():
         rows += [
@@ -192,7 +194,7 @@ def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
     return [
         Out(a.ask, when=open_row | (not_gripped & (accepted | machine.entered_resetting))),
         *(Set(bit, when=yes & a.ask) for bit in (a.loaded, a.claws_closed, a.clamped)),
-        Set(a.discard, when=all_of(discard, a.loaded, accepted | machine.jogging)),
+        Set(a.discard, when=all_of(discard, a.loaded, accepted | (machine.jogging & ~a.ask))),
         Rst(a.loaded, when=all_of(no, a.ask, ~can_put_back)),
         *rows,
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from controller.common.modbus.io_map import IoMap, Point
-from controller.core.expr import Bit, Expr
+from controller.core.expr import FALSE, Bit, Expr
 from controller.program.areas import Area
 
 
@@ -16,6 +16,8 @@ class Inputs:
         self.stop = self["stop"]
         self.emergency_stop = self["emergency_stop"]
         self.tray_front_edge = self["tray_front_edge"]
+        self.guard_open = FALSE if io_map.get("guard") is None else self["guard"]
+        """Condition that the guard is open; never true without the input."""
 
     def __getitem__(self, tag: str) -> Expr:
         __tracebackhide__ = True

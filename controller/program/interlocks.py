@@ -13,13 +13,14 @@ from typing import Final
 from controller.common.declarations import Declared
 from controller.common.modbus.io_map import IoMap
 from controller.core.devices import CLOCK_1_S, MS_100
-from controller.core.expr import Bit, Expr, Timer, Word, all_of, any_of
+from controller.core.expr import FALSE, Bit, Expr, Timer, Word, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.sequence import Sequence
 from controller.program.operator.answers import Question
 from controller.program.operator.buttons import due
 from controller.program.operator.commands import ARM_OUTPUTS
+from controller.program.operator.start_warning import horn
 from controller.program.states import State
 from controller.program.tags import IN_PLACE, ArmTags, MachineTags, Side, Tags
 
@@ -172,8 +173,16 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
             any_of(~a.loaded, ~a.at_feed, a.is_spread),
         ),
         ("in service", "an arm that is out of service stays at feed", ARM_OUTPUTS, ~a.out_of_service),
+        *_guard_closed(tags, ARM_OUTPUTS),
     ]
     return [Rule(number, *row) for number, row in enumerate(table, 1)]
+
+
+def _guard_closed(tags: Tags, outputs: tuple[str, ...]) -> list[tuple[str, str, tuple[str, ...], Expr]]:
+    """Return the rule of the guard; none without its input."""
+    opened = tags.x.guard_open
+    reason = "with the guard open a person can reach in; the safety relay has taken the coil power"
+    return [] if opened is FALSE else [("guard closed", reason, outputs, ~opened)]
 
 
 def in_the_way(a: ArmTags, other: ArmTags) -> Expr:
@@ -197,6 +206,7 @@ def tray_rules(tags: Tags) -> list[Rule]:
         Rule(1, *_MOTION_ALLOWED, both, _motion_allowed(tags)),
         Rule(2, "arms at feed", "a moving tray would damage an arm in it", both, at_feed & ~inward),
         Rule(3, "no feeder fault", "a jammed tray is no longer driven", both, ~tray.fault | machine.jogging),
+        *(Rule(4, *row) for row in _guard_closed(tags, both)),
     ]
 
 
@@ -204,7 +214,8 @@ def other_rules(tags: Tags) -> list[Rule]:
     """Return the rules for all other outputs of the I/O map that move something."""
     known = {*tray_requests(tags), *(f"{side}.{output}" for side in tags.arms for output in ARM_OUTPUTS)}
     others = tuple(tag for tag in tags.moving if tag not in known)
-    return [Rule(1, *_MOTION_ALLOWED, others, _motion_allowed(tags))]
+    guard = [Rule(2, *row) for row in _guard_closed(tags, others)]
+    return [Rule(1, *_MOTION_ALLOWED, others, _motion_allowed(tags)), *guard]
 
 
 def _motion_allowed(tags: Tags) -> Expr:
@@ -255,7 +266,7 @@ def output_block(
     amber = any_of(*(state.equals(s) for s in (State.SUSPENDED, State.RESETTING, State.STOPPING))) & blink
     rungs += _signal_timers(machine)
     resting = any_of(*(state.equals(s) for s in (State.ABORTED, State.ABORTING, State.HELD, State.HOLDING)))
-    coil("horn", machine.horn)
+    coil("horn", horn(machine, warns=tags.warns))
     coil("lamp_red", resting | machine.fault)
     coil("lamp_amber", _signals(machine, amber, due(tags)))
     coil("lamp_green", machine.executing)

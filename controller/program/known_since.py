@@ -23,6 +23,8 @@ class End(StrEnum):
     POWER_UP = "power-up"
     MEMORY_LOST = "memory lost, or of another run or version"
     CUP_ALARM = "alarm of the cup pulses"
+    GUARD = "guard opened"
+    TRAY_LOST = "alarm of a lost tray"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,8 @@ def beliefs(tags: Tags) -> tuple[Belief, ...]:
         _belief(
             "place of the tray at the pick position",
             all_of(tags.tray.phase.equals(IN_PLACE), tags.tray.place_known),
-            {End.ABORTED: same_tray, End.MANUAL: same_tray, End.POWER_UP: same_tray, End.MEMORY_LOST: full_tray},
+            {End.ABORTED: same_tray, End.MANUAL: same_tray, End.POWER_UP: same_tray, End.MEMORY_LOST: full_tray}
+            | {End.GUARD: same_tray, End.TRAY_LOST: same_tray},
             kept,
         ),
         _belief(
@@ -72,7 +75,7 @@ def beliefs(tags: Tags) -> tuple[Belief, ...]:
             {End.MEMORY_LOST: full_tray},
             kept
             | dict.fromkeys((End.ABORTED, End.MANUAL), "each coil that takes a row or puts it back is recorded")
-            | {End.POWER_UP: "retentive"},
+            | {End.POWER_UP: "retentive", End.GUARD: "as in Aborted"},
         ),
         _belief(
             "row between clamping and lifting",
@@ -81,7 +84,9 @@ def beliefs(tags: Tags) -> tuple[Belief, ...]:
                 End.POWER_UP: "asked: is the arm holding seedlings?",
                 End.MEMORY_LOST: "claws count as closed and loaded; the load is thrown over cups",
             },
-            kept | {End.ABORTED: "claws and lift keep their state", End.MANUAL: "its coils are recorded"},
+            kept
+            | dict.fromkeys((End.ABORTED, End.GUARD), "claws and lift keep their state")
+            | {End.MANUAL: "its coils are recorded"},
         ),
         _belief(
             "claws open or closed, with or without a load",
@@ -92,6 +97,7 @@ def beliefs(tags: Tags) -> tuple[Belief, ...]:
                 End.ABORTED: "bistable valves and a reservoir of their own keep the claws",
                 End.MANUAL: "the coils of the claws are recorded",
                 End.POWER_UP: "retentive; as in Aborted",
+                End.GUARD: "as in Aborted, and the air stays on",
             },
         ),
         _belief(
@@ -103,13 +109,14 @@ def beliefs(tags: Tags) -> tuple[Belief, ...]:
                 End.ABORTED: "while its switch stays on; else measured in homing as after a loss of memory",
                 End.MANUAL: "a coil that drives the device away ends it",
                 End.POWER_UP: "retentive, and as in Aborted",
+                End.GUARD: "as in Aborted",
             },
         ),
         _belief(
             "cups under the claws",
             all_of(*(arm.count_valid for arm in arms)),
             {End.POWER_UP: twelve, End.MEMORY_LOST: twelve, End.CUP_ALARM: twelve},
-            kept | {End.ABORTED: "the count runs on", End.MANUAL: "the count runs on"},
+            kept | dict.fromkeys((End.ABORTED, End.MANUAL, End.GUARD), "the count runs on"),
         ),
         _belief(
             "machine constants that differ from their defaults",

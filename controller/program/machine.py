@@ -148,6 +148,7 @@ def _valid_values(tags: Tags) -> dict[Word, Collection[int]]:
     machine = tags.machine
     counts = [machine.trays_done, machine.rows_left, tags.tray.exit_time]
     counts += [count for arm in tags.arms.values() for count in (arm.missed_cups, arm.cycles)]
+    counts += [arm.yields.planted.empty_cups for arm in tags.arms.values() if arm.yields.planted is not None]
     return {
         **{word: range(lowest, highest + 1) for word, (lowest, highest) in tags.sp.limits.items()},
         **{row: range(IN_DOUBT + 1) for arm in tags.arms.values() for row in arm.rows.values()},

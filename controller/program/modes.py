@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from controller.common.modbus.io_map import IoMap
-from controller.core.expr import TRUE, Expr, all_of, any_of
+from controller.core.expr import FALSE, TRUE, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
 from controller.program.operator.answers import answer_rungs
@@ -13,6 +13,7 @@ from controller.program.operator.buttons import disarm_rungs, edge_rungs
 from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.operator.constants import constant_rungs
 from controller.program.operator.refusals import Orders
+from controller.program.operator.start_warning import cancel_rungs, lapse_rungs, request_rungs
 from controller.program.states import HOLDS, MOVING, RUNNING, STOPPABLE, Mode, Reason, State
 from controller.program.tags import FIRST_SCAN, IN_PLACE, MOVING_OUT, STEPPED, Tags
 
@@ -50,6 +51,12 @@ def state_table(tags: Tags) -> list[StateChange]:
     done = machine.target_reached | one_cycle | (machine.complete_ordered & (~machine.emptying | tray_left))
     rest = at_rest & tray.at_rest
     s = State
+    guard = [
+        StateChange(
+            (*RUNNING, s.RESETTING, s.HOLDING, s.COMPLETING), s.HELD, tags.x.guard_open, "guard opened during motion"
+        ),
+        StateChange((s.IDLE, s.STOPPING), s.STOPPED, tags.x.guard_open, "guard opened"),
+    ]
     return [
         StateChange((s.STOPPED, s.HELD, s.COMPLETE), s.RESETTING, machine.home_requested, "reset and homing"),
         StateChange((s.RESETTING,), s.IDLE, manual | (homed & tray.ready & ~asking), "homed, or mode is manual"),
@@ -68,7 +75,7 @@ def state_table(tags: Tags) -> list[StateChange]:
         StateChange(
             (s.SUSPENDED,),
             s.UNSUSPENDING,
-            ~machine.suspend,
+            ~machine.suspend & machine.t_warning.done if tags.warns else ~machine.suspend,
             "tray and cups available, and not suspended by the operator",
         ),
         StateChange((s.UNSUSPENDING,), s.EXECUTE, TRUE, "resumed"),
@@ -81,6 +88,7 @@ def state_table(tags: Tags) -> list[StateChange]:
             "alarm, hold command or panel timeout",
         ),
         StateChange((s.HOLDING,), s.HELD, at_once | rest, "arms at feed"),
+        *(row for row in guard if row.when is not FALSE),
         StateChange(STOPPABLE, s.STOPPING, machine.stop_pressed, "stop"),
         StateChange((s.STOPPING,), s.STOPPED, at_once | rest, "arms home or parked"),
         StateChange((s.CLEARING,), s.STOPPED, TRUE, "cleared"),
@@ -106,12 +114,11 @@ def conditioning(tags: Tags, orders: Orders, io_map: IoMap) -> list[Rung]:
         *constant_rungs(tags),
         *answer_rungs(tags, io_map),
         Out(machine.clear_requested, when=accepted(commands.clear)),
-        Out(machine.home_requested, when=accepted(commands.reset)),
-        Out(machine.start_requested, when=accepted(commands.start)),
-        Out(machine.unhold_requested, when=accepted(commands.unhold)),
+        *request_rungs(tags, orders),
         *orders.rungs(),  # before an accepted command changes the conditions of another
         *disarm_rungs(tags),
         *_holds(tags, orders),
+        *cancel_rungs(tags),
         *_service(tags, orders),
         *_jog(tags, orders),
         *_step_presses(tags, orders),
@@ -123,12 +130,13 @@ def conditioning(tags: Tags, orders: Orders, io_map: IoMap) -> list[Rung]:
 def _holds(tags: Tags, orders: Orders) -> list[Rung]:
     """Return the hold and suspend rungs, triggered by a command or by a panel that no longer responds."""
     system, machine, commands, state = tags.system, tags.machine, tags.commands, tags.machine.state
+    lapsed = machine.t_lapse.done if tags.warns else FALSE
     ends = any_of(*(state.equals(s) for s in (State.STOPPED, State.RESETTING, State.COMPLETE, State.ABORTED)))
     return [
         Pulse(machine.panel_lost, when=system.panel_silent),
         Set(machine.held_by_panel, when=machine.panel_lost & machine.running),
         Set(machine.held_by_operator, when=orders.accepted(commands.hold)),
-        Out(machine.hold_requested, when=orders.accepted(commands.hold) | machine.panel_lost),
+        Out(machine.hold_requested, when=any_of(orders.accepted(commands.hold), machine.panel_lost, lapsed)),
         Rst(machine.suspended_by_operator, when=ends | orders.accepted(commands.unsuspend)),
         Set(machine.suspended_by_operator, when=orders.accepted(commands.suspend)),
         Rst(machine.complete_ordered, when=ends),
@@ -176,7 +184,7 @@ def _step_presses(tags: Tags, orders: Orders) -> list[Rung]:
 
 def _reason(tags: Tags) -> list[Rung]:
     """Return the rungs of the reason register; if several reasons apply, it contains the one to resolve first."""
-    machine, reason = tags.machine, tags.machine.reason
+    machine, reason, guard = tags.machine, tags.machine.reason, tags.x.guard_open
     held = any_of(*(machine.state.equals(s) for s in HOLDS))
     left, right = tags.arms["left"].no_cups, tags.arms["right"].no_cups
     asking = any_of(tags.tray.ask, *(arm.ask for arm in tags.arms.values()))
@@ -189,10 +197,20 @@ def _reason(tags: Tags) -> list[Rung]:
         Mov(Reason.SUSPENDED_BY_OPERATOR, reason, when=machine.suspended_by_operator),
         Mov(Reason.HELD_BY_OPERATOR, reason, when=held & machine.held_by_operator),
         Mov(Reason.PANEL_SILENT, reason, when=held & machine.held_by_panel),
+        *([Mov(Reason.ORDER_LAPSED, reason, when=held & machine.lapsed)] if tags.warns else []),
         Mov(Reason.QUESTION, reason, when=held & asking),
         Mov(Reason.ALARM, reason, when=held & machine.fault),
+        *([] if guard is FALSE else [Mov(Reason.GUARD_OPEN, reason, when=held & guard)]),
         ZoneReset(machine.held_by_operator, machine.held_by_panel, when=~held),
     ]
+
+
+def _guard(tags: Tags) -> list[Rung]:
+    """Return the rungs of the guard, which precede the relay of motion; none without its input."""
+    machine, opened = tags.machine, tags.x.guard_open
+    if opened is FALSE:
+        return []
+    return [Out(machine.guard_open, when=opened), Out(machine.guard_stops, when=opened & machine.motion)]
 
 
 def _line_clear(tags: Tags) -> Expr:
@@ -226,6 +244,7 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
     rungs += [Mov(row.target, state, when=row.when & any_of(*(before.equals(s) for s in row.sources))) for row in table]
     rungs += [
         *_reason(tags),
+        *_guard(tags),
         Out(machine.entered_resetting, when=entered(State.RESETTING)),
         Out(machine.places_anew, when=FIRST_SCAN | machine.entered_resetting),
         Out(machine.entered_starting, when=entered(State.STARTING) | entered(State.UNHOLDING)),
@@ -239,7 +258,10 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
         Out(machine.running, when=any_of(*(state.equals(s) for s in RUNNING))),
         Out(machine.stepping, when=mode.equals(Mode.STEP) & state.differs(State.RESETTING)),
         Out(machine.jogging, when=all_of(machine.manual, state.equals(State.EXECUTE), ~machine.abort)),
-        Out(machine.motion, when=any_of(*(state.equals(s) for s in MOVING)) & ~machine.abort),
+        Out(
+            machine.motion, when=all_of(any_of(*(state.equals(s) for s in MOVING)), ~machine.abort, ~tags.x.guard_open)
+        ),
+        *lapse_rungs(tags),
         Out(machine.line_clear, when=_line_clear(tags)),
         OnDelay(machine.t_no_motion, NO_MOTION_MS, when=~machine.motion & ~tags.system.link_lost),
         Out(machine.places_checked, when=machine.t_no_motion.done | machine.entered_resetting),

@@ -1,11 +1,11 @@
-"""Tags of the planting speeds: pulse measurements, readiness of the arms, and advice."""
+"""Tags of the planting: pulse measurements, readiness of the arms, advice, and cups found empty."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from controller.common.modbus.io_map import IoMap
-from controller.core.expr import Counter, Timer, Word
+from controller.core.expr import Counter, Expr, Timer, Word
 from controller.program.areas import Area
 from controller.program.inputs import Inputs
 
@@ -40,6 +40,59 @@ class ReadinessTags:
         """Allocate the registers of the last three times, the latest first."""
         ages = ("last", "second to last", "third to last")
         return [d.word(f"{side} {age} {name} x10 ms", comment.format(age)) for age in ages]
+
+
+class CarriedTags:
+    """Relays and register of one arm that count the stems carried to the feed."""
+
+    def __init__(self, side: str, index: int, stem: Expr, m: Area) -> None:
+        self.stem = stem
+        self.edge = m.bit("stem edge", "a stem has come into the beam, this scan")
+        self.short = m.bit("carries too few", "more seedlings are missing in the claws than permitted, this scan")
+        self.told = m.bit("short row told", "too few seedlings were carried to the feed with this row")
+        self.missing = Word(
+            "D", 174 + index, f"{side}.missing in claws", "seedlings missing in the row carried to feed"
+        )
+
+
+class PlantedTags:
+    """Relays and registers of one row that count the cups without a plug behind the place of throwing."""
+
+    def __init__(self, side: str, index: int, plug: Expr, m: Area) -> None:
+        self.plug = plug
+        self.edge = m.bit("plug edge", "a plug has come in front of the cup sensor, this scan")
+        self.seen = m.bit("plug seen", "a plug has come in front of the cup sensor since the last cup")
+        self.looks = m.bit("looks at row", "the cups of the last released row pass the cup sensor")
+        self.short = m.bit("planted too few", "more cups of the released row are empty than permitted, this scan")
+        self.empty = Word("D", 172 + index, f"{side}.empty in row", "empty cups of the last released row so far")
+        self.empty_cups = Word(
+            "D",
+            565 + index,
+            f"{side}.empty cups",
+            "cups of released rows found empty since the last reset of the counts",
+        )
+
+
+class YieldTags:
+    """Tags of the optional sensors of one arm that show whether its rows are held and planted.
+
+    Attributes:
+        pressure: Condition that air presses the fingers together; None without its sensor.
+        carried: Count of the stems carried to the feed; None without its sensor.
+        planted: Count of the empty cups behind the place of throwing; None without its sensor.
+    """
+
+    def __init__(self, side: str, index: int, x: Inputs) -> None:
+        first = 178 + 100 * index
+        stem, plug = x.optional(f"{side}.seedling_beam"), x.optional(f"{side}.cup_filled")
+        self.pressure = x.optional(f"{side}.claw_pressure")
+        self.planted = None if plug is None else PlantedTags(side, index, plug, Area("M", first, first + 9, side))
+        self.carried = None if stem is None else CarriedTags(side, index, stem, Area("M", first + 10, first + 19, side))
+
+    @property
+    def counts(self) -> bool:
+        """True if a sensor counts the seedlings of a row."""
+        return self.carried is not None or self.planted is not None
 
 
 class PlantingTags:

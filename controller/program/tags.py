@@ -13,12 +13,12 @@ from typing import Final, Literal, TypeVar
 from controller.common.declarations import Declared
 from controller.common.modbus.io_map import IoMap
 from controller.core.devices import INITIAL_PULSE
-from controller.core.expr import Bit, Counter, Expr, Timer, Word
+from controller.core.expr import FALSE, Bit, Counter, Expr, Timer, Word
 from controller.program.areas import Area
 from controller.program.inputs import Inputs, System, driven
 from controller.program.operator import commands
 from controller.program.operator.commands import ARM_OUTPUTS, JOGGED, TRAY_ROWS, Commands
-from controller.program.planting_tags import PlantingTags
+from controller.program.planting_tags import PlantingTags, YieldTags
 from controller.program.set_points import SetPoints
 from controller.program.tray_tags import TrayTags
 
@@ -71,9 +71,7 @@ class MachineTags:
         self.refusals = d.word("refusals", "number of refused commands since power-up")
         self.jog = d.word("jog", "number of the jogged output; 0 = none")
         self.first_out = d.word("first out", "number of the first annunciator that stopped work; 0 = none")
-        self.batch_complete = Bit(
-            "M", 1056, "batch complete", "target number of trays reached; the next homing clears the count"
-        )
+        self.batch_complete = Bit("M", 1056, "batch complete", "target of trays reached; homing clears the count")
         self.start_pressed = m.bit("start pressed", "X0 pressed, this scan")
         self.reset_pressed = m.bit("reset pressed", "reset button pressed, this scan")
         self.stop_pressed = m.bit("stop pressed", "X24 pressed or stop command, this scan")
@@ -131,7 +129,21 @@ class MachineTags:
         self.t_cups_slow = Timer(130, "cups slow", "the left cups pass more slowly than permitted")
         self.cup_time_least = cups_d.word("time least x10 ms", "shortest plausible time until the next cup, left row")
         self._add_ways_out(m, d)
+        safeguards = Area("M", 384, 399, "safeguards")
+        self.guard_open = safeguards.bit("guard open", "the guard is open")
+        self.guard_stops = safeguards.bit(
+            "guard stops", "the guard has been opened while motion was allowed, this scan"
+        )
         self.gap_shortest = cups_d.word("gap shortest x10 ms", "shortest plausible gap behind the last flag, left row")
+        self.home_waits = safeguards.bit("homing waits", "homing is ordered and waits for the start warning")
+        self.go_waits = safeguards.bit("start waits", "start or resume is ordered and waits for the start warning")
+        self.warning = safeguards.bit("start warning", "the horn announces motion")
+        self.warned = safeguards.bit("warned", "the start warning is complete, or not required")
+        self.stands = safeguards.bit("stands", "state is Suspended: no arm and no tray begins a motion")
+        self.unmoved = safeguards.bit("unmoved", "nothing has moved since the start warning")
+        self.lapsed = safeguards.bit("order lapsed", "nothing moved in time after the start warning")
+        self.t_warning = Timer(136, "start warning", "duration of the start warning")
+        self.t_lapse = Timer(137, "order lapses", "time without motion after the start warning")
 
     def _add_ways_out(self, m: Area, d: Area) -> None:
         """Allocate the devices of questions, next presses, and emptying of the line."""
@@ -189,6 +201,7 @@ class ArmTags:
         self.sensed_spread = x[f"{side}.claws_spread"]
         self.sensed_converged = x[f"{side}.claws_converged"]
         self.cup_sensor = x[f"{side}.cup_pulse"]
+        self.yields = YieldTags(side, index, x)
 
         self.down = m.bit("down", "lift at its lower limit, confirmed by a plausible switch")
         self.up = m.bit("up", "lift at its upper limit, confirmed by a plausible switch")
@@ -297,6 +310,12 @@ class ArmTags:
         self.t_settle = t10.timer("settle", "slide at rest at its row")
         self.t_closing = t10.timer("claws closing", "closing dwell of the claws")
         self.t_opening = t10.timer("claws opening", "opening dwell of the claws")
+        self.closed: Expr = self.t_closing.done
+        """The closing dwell has elapsed and, if its sensor is wired, air presses the fingers together."""
+        self.opened: Expr = self.t_opening.done
+        """The opening dwell has elapsed and, if its sensor is wired, no air presses the fingers together."""
+        if (pressure := self.yields.pressure) is not None:
+            self.closed, self.opened = self.closed & pressure, self.opened & ~pressure
         self.t_pause = t10.timer("pause at feed", "delay before spreading")
         self.t_release_delay = t10.timer("release delay", "delay from the cup pulse to opening")
         self.t_lift_way = t10.timer("lift travel", "lift between its ends")
@@ -317,9 +336,7 @@ class ArmTags:
         self.t_unbidden = t100.timer("switch changed at rest", "a switch has changed while the arm was at rest")
         self.t_raising = t100.timer("raising", "lift driven upwards")
         self.t_press_down = t100.timer("press down at feed", "upper chamber of the lift fills")
-        self.lone_cups = Counter(
-            2 + index, f"{side}.unmatched cups", "cups counted since the last cup of the other row"
-        )
+        self.lone_cups = Counter(2 + index, f"{side}.unmatched cups", "cups since the last cup of the other row")
         self._add_cup_times(index)
 
     def _add_cup_times(self, index: int) -> None:
@@ -360,6 +377,8 @@ class Tags:
     planting: PlantingTags
     moving: dict[str, Expr]
     """Conditions that the outputs of the map that move something were on in the last scan, by tag."""
+    warns: bool
+    """True if the horn is wired: it then announces motion."""
 
     @classmethod
     def of(cls, io_map: IoMap) -> Tags:
@@ -367,7 +386,14 @@ class Tags:
         arms = {side: ArmTags(side, io_map) for side in SIDES}
         machine, tray, planting = MachineTags(), TrayTags(io_map), PlantingTags(io_map, SIDES)
         moving = {point.tag: driven(point) for point in io_map.outputs if point.moves}
-        return cls(Inputs(io_map), System(), Commands(), SetPoints(), machine, arms, tray, planting, moving)
+        set_points = SetPoints(counts_seedlings=any(arm.yields.counts for arm in arms.values()))
+        warns = io_map.get("horn") is not None
+        return cls(Inputs(io_map), System(), Commands(), set_points, machine, arms, tray, planting, moving, warns)
+
+    @property
+    def stands(self) -> Expr:
+        """Condition that nothing may begin to move before the start warning; never true without the horn."""
+        return self.machine.stands if self.warns else FALSE
 
     def other(self, side: Side) -> ArmTags:
         """Return the tags of the opposite arm."""

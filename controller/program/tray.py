@@ -143,7 +143,14 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         Set(t.place_known, when=all_of(accepted, t.edge, commands.tray_full | same)),
         Rst(t.ask, when=any_of(full, none, same)),
         Rst(
-            t.place_known, when=any_of(t.phase.equals(MOVING_OUT), machine.manual, machine.state.equals(State.ABORTED))
+            t.place_known,
+            when=any_of(
+                t.phase.equals(MOVING_OUT),
+                t.t_lost.done & ~machine.running,
+                machine.manual,
+                machine.state.equals(State.ABORTED),
+                tags.x.guard_open,
+            ),
         ),
         Mov(COMING, t.phase, when=real & ~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
         Set(t.ask, when=jogged | (~machine.manual & asks)),
@@ -151,7 +158,8 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         Out(t.needed, when=t.phase.differs(IN_PLACE) & _wanted(tags)),
         Out(
             t.permit,
-            when=all_of(t.needed, at_feed, ~t.ask, ~unloading, machine.running | (machine.resetting & homed)),
+            when=all_of(t.needed, at_feed, ~t.ask, ~unloading, machine.running | (machine.resetting & homed))
+            & (~tags.stands | machine.start_requested),
         ),
         Out(t.missing, when=feeder["no tray"] & ~machine.complete_ordered),
         Out(t.at_rest, when=t.fault | feeder["no tray"] | ~any_of(*(bit for bit, _ in feeder if bit != feeder.first))),

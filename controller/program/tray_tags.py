@@ -39,8 +39,8 @@ class TrayTags:
         self.leaves = m.bit("leaves", "the tray is released to be conveyed out, this scan")
         self.place_known = m.bit(
             "place known",
-            "the tray in place has been measured, or confirmed by the operator, since the last Aborted, manual mode "
-            "and power-up",
+            "the tray in place has been measured, or confirmed by the operator, since the last Aborted, manual mode, "
+            "power-up, open guard and alarm of a lost tray",
         )
         self.t_index = t10.timer("index", "full speed into the gap behind a tray")
         self.t_settle = t10.timer("settle", "tray at rest")

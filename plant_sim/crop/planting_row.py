@@ -102,6 +102,10 @@ class PlantingRow(Saved):
         """Numbers of the filled cups that have not yet passed the last claw, in order."""
         return sorted(self._contents)
 
+    def contains_plug(self, cup: int) -> bool:
+        """Return True if a cup that is not further than `RECENT_CUPS` past the last claw contains a plug."""
+        return cup in self._contents or any(each.cup == cup and each.seedlings for each in self.recent)
+
     @property
     def falling(self) -> bool:
         """True while a plug is in the air."""

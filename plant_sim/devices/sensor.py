@@ -157,6 +157,20 @@ class Sensor:
         """Plant time of the last edge of the detected level, s."""
         return float(self._state["edge_s"])
 
+    def follow(self, on: bool, *, edge_s: float, now_s: float) -> None:
+        """Detect a level; the output follows after the delay, without bounce.
+
+        Args:
+            on: Level.
+            edge_s: Plant time since which the target has had this level, s; used if the level has changed.
+            now_s: Plant time, s.
+        """
+        state = self._state
+        if on != bool(state["detected"]):
+            state["detected"], state["edge_s"], state["busy"] = int(on), edge_s, 1
+        if state["busy"] and now_s - self.edge_s >= self.late_s:
+            state["output"], state["busy"] = state["detected"], 0
+
     def detect(self, on: bool) -> None:
         """Set the detected level and the output, without delay or bounce."""
         self._state["detected"] = self._state["output"] = int(on)

@@ -17,6 +17,7 @@ SIZES: dict[str, tuple[float, ...]] = {
     "missed_pulses": (0.05,),  # about one pulse in two rows of twelve
     "doubled_pulses": (0.05,),
     "halved_flags": (0.05,),
+    "wrong_readings": (0.05,),
     "slow_valve": (0.1, 0.5),  # double the switching time of a valve, and longer than a claw dwell
     "leak": (2e-9, 2e-8),  # a pinhole, and a half-detached tube
     "closed_throttle": (0.3, 0.02),  # slower strokes without a timeout, and almost closed

@@ -85,6 +85,8 @@ _TRAY_PASSES = (
     "was not detected at creep speed"
 )
 
+_ROW_TOLD = "row short"
+"""Alarm of a wired yield input for a row that is not planted."""
 _ROW = _detected("approach row", "return to row", "overrun", "close claws", "slide switches")
 _SLIDE = _detected(*_ROW.alarms, "slide to feed", "off home", "unbidden")
 _LIFT = _detected(
@@ -104,9 +106,15 @@ _BELT = _detected("spread", "converge", "open claws", "approach row", "off home"
 _AIR = _detected(*_SLIDE.alarms, *_LIFT.alarms, "air_low")
 _RUNS_PAST = _damaging(_SLIDE, _PASSED_ROW, "arm_through_tray")
 _RUNS_BACK = _damaging(_SLIDE, _HELD_BY_BRAKE, "arm_through_tray", "gentle_inward")
-_CREEPING = _damaging(_SLIDE, _CREEPS, "arm_through_tray", "gentle_inward", "stems_cut", "torn", loses=True)
+_CREEPING = _damaging(
+    _detected(*_SLIDE.alarms, _ROW_TOLD), _CREEPS, "arm_through_tray", "gentle_inward", "stems_cut", "torn", loses=True
+)
 _CLAW_HARM = ("gentle_inward", "arm_through_tray", "stems_cut", "dropped", "drop_over_tray", "torn", "double")
-_CLAWS_FAIL = _undetected(_CLAWS, *_CLAW_HARM, loses=True)
+_CLAWS_FAIL = _damaging(
+    _detected("close claws", "open claws", "claw pressure", _ROW_TOLD), _CLAWS, *_CLAW_HARM, loses=True
+)
+"""Each of these alarms needs a wired yield input."""
+_NO_CLAW_PRESSURE = _detected("close claws", "claw pressure")
 _SINKING = _damaging(_LIFT, _SINKS, "arm_through_tray", "gentle_inward", "stems_cut", loses=True)
 
 _CUPS_MISSING = _detected("no cups", "cup counts")
@@ -140,6 +148,8 @@ _SWITCH_OFF = {
     "claws_spread": _detected("spread", "lower over cups", "open claws", "unbidden"),
     "claws_converged": _detected("converge", "approach row", "off home", "unbidden"),
     "cup_pulse": _CUPS_MISSING,
+    **dict.fromkeys(("cup_filled", "seedling_beam"), _detected(_ROW_TOLD)),
+    "claw_pressure": _NO_CLAW_PRESSURE,
     "tray_front_edge": replace(
         # blocked just before a row, the slide arrives there without its coil: "slide switches"
         _damaging(_detected("tray_lost", "no tray", "approach row", "slide switches"), _TRAY_PASSES, loses=True),
@@ -164,6 +174,8 @@ _SWITCH_ON = {
     **dict.fromkeys(("claws_spread", "claws_converged"), _detected("belt switches")),
     "cup_pulse": _detected(*_CUPS_MISSING.alarms, *_CUPS_COUNTED_WRONGLY.alarms),
     "tray_front_edge": _detected("tray_jam"),
+    **dict.fromkeys(("cup_filled", "seedling_beam"), _detected(_ROW_TOLD)),
+    "claw_pressure": _detected("open claws"),
 }
 """Alarms for a switch stuck on: it is detected when the switch at the other end of the stroke is also on."""
 
@@ -172,8 +184,9 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     "stuck_off": _SWITCH_OFF,
     "late_sensor": {
         **dict.fromkeys(_ROW_SWITCHES, _damaging(_ROW, _PASSED_ROW, "arm_through_tray")),
-        "cup_pulse": _undetected(_LATE_CUP, loses=True),
-        "tray_front_edge": _undetected(_TRAY_TOO_FAR, "stems_cut", loses=True),
+        "cup_pulse": _damaging(_detected(_ROW_TOLD), _LATE_CUP, loses=True),
+        "tray_front_edge": _damaging(_detected(_ROW_TOLD), _TRAY_TOO_FAR, "stems_cut", loses=True),
+        **dict.fromkeys(("cup_filled", "seedling_beam"), _detected(_ROW_TOLD)),
         **dict.fromkeys(("claws_spread", "claws_converged"), _damaging(_detected("belt switches"), _ENDS_LATER)),
         "*": _undetected(_ENDS_LATER),
     },
@@ -182,6 +195,10 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
         "start": _undetected("the next press of the button has no effect; nothing moves"),
         "stop": _detected("stop_stuck"),
         "emergency_stop": _detected("emergency_stop"),
+    },
+    "wrong_readings": {
+        **dict.fromkeys(("cup_filled", "seedling_beam"), _detected(_ROW_TOLD)),
+        "claw_pressure": _detected("open claws", *_NO_CLAW_PRESSURE.alarms),
     },
     **{kind: {"*": _CUPS_COUNTED_WRONGLY} for kind in ("missed_pulses", "doubled_pulses", "halved_flags")},
     "stuck_valve": {"slide": _RUNS_BACK, "lift": _SINKING, "claws": _CLAWS_FAIL},
@@ -210,7 +227,8 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
         ),
     },
     "low_claw_supply": {
-        "supply": _undetected(
+        "supply": _damaging(
+            _detected(_ROW_TOLD, *_NO_CLAW_PRESSURE.alarms),
             "the force of the claws is not measured, and plugs stay in their cells; a pressure switch behind "
             "the claw regulator would detect the low pressure",
             *_CLAW_HARM,
@@ -237,7 +255,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     "decoupled_magnet": {"slide": _SLIDE},
     "slipping_belt": {"spreader": _BELT},
     "stalled_stepper": {"conveyor": _detected("tray_jam", "no tray", "tray_lost")},
-    "skewed_tray": {"magazine": _undetected(_TRAY_TOO_FAR, "stems_cut", loses=True)},
+    "skewed_tray": {"magazine": _damaging(_detected(_ROW_TOLD), _TRAY_TOO_FAR, "stems_cut", loses=True)},
     "missing_tray": {"magazine": _detected("no tray")},
     "missing_cells": {
         "*": _undetected("claws that close on an empty cell are not a machine fault: the cup stays empty")

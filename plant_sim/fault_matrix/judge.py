@@ -42,7 +42,8 @@ def complaints(subject: Subject, outcome: Outcome) -> list[str]:
     if outcome.alarms > MOST_IN_WINDOW:
         found.append(f"{outcome.alarms} alarms within ten minutes, more than {MOST_IN_WINDOW}")
     found += [f"the {side} arm did not return to feed" for side in outcome.away]
-    if outcome.rounds > expected.stops + outcome.passed:  # a tray that passed undetected causes one more stop
+    stops = outcome.rounds - outcome.told_rows
+    if stops > expected.stops + outcome.passed:  # a tray that passed undetected causes one more stop
         found.append(f"stopped again after the repair, {outcome.rounds - 1} times")
     found += [
         f"the line leads to Execute in {each.presses} presses with {each.questions} questions: {each.why or each.names}"

@@ -33,6 +33,8 @@ SUSPENDED_MS = 10_000
 ROUNDS = 3
 """Maximum number of recovery attempts by the operator."""
 
+_ROW_ALARMS = {f"{side}: row short" for side in SIDES}
+
 RESTS = (State.HELD, State.ABORTED, State.STOPPED, State.SUSPENDED)
 """States in which the machine has stopped and waits for an operator."""
 
@@ -50,6 +52,7 @@ class Outcome:
         in_doubt: Number of seedlings in the rows and trays affected by the questions.
         away: Arms that had no alarm and were not at feed when the machine was Held.
         rounds: Number of recoveries by the operator.
+        told_rows: Number of later stops that only told a row lost before, with a wired yield input.
         followed: For each stop, the presses of an operator who follows the line that says what to do now, without and
             with an isolation of the machine before the repair.
         counts: Final location of the seedlings.
@@ -71,6 +74,7 @@ class Outcome:
     in_doubt: int = 0
     away: list[str] = field(default_factory=list)
     rounds: int = 0
+    told_rows: int = 0
     followed: list[Followed] = field(default_factory=list)
     passed: bool = False
     alarms: int = 0
@@ -287,6 +291,7 @@ def _work(twin: Twin, outcome: Outcome, listed: ListedAlarms, trays: int) -> Non
             return
         outcome.state = outcome.state or twin.state.name
         outcome.rounds += 1
+        outcome.told_rows += outcome.rounds > 1 and {*twin.alarms()} <= _ROW_ALARMS
         if outcome.rounds > ROUNDS:
             raise NotReachedError(f"repeated stops; {twin.situation()}")
         observe(twin, outcome)

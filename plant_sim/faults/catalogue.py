@@ -108,6 +108,16 @@ _KINDS = (
         "left.cup_pulse",
         _FLAGS,
     ),
+    FaultKind(
+        "wrong_readings",
+        "yield sensor",
+        "it reads some cups, stems, or strokes of the claws as their opposite",
+        parts.yield_sensors,
+        ("wrong",),
+        _set_to_size,
+        "left.cup_filled",
+        Size("-", 0.0, 1.0, "share of the readings", "5 %"),
+    ),
     # --- valves and air
     FaultKind(
         "stuck_valve",

@@ -12,6 +12,7 @@ from plant_sim.crop.seedling import Seedlings
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.cups import Cups
 from plant_sim.devices.sensor import Sensor
+from plant_sim.devices.yield_sensors import YieldSensor
 
 
 class FaultError(InputError):
@@ -24,6 +25,10 @@ class FaultableArm(Protocol):
     @property
     def cups(self) -> Cups:
         """Carousel of the row."""
+
+    @property
+    def yield_sensors(self) -> Mapping[str, YieldSensor]:
+        """Optional sensors of held and planted rows by I/O tag, without the side."""
 
 
 class FaultableMachine(Protocol):

@@ -9,6 +9,7 @@ from plant_sim.crop.seedling import Seedlings
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.cups import Cups
 from plant_sim.devices.sensor import Sensor
+from plant_sim.devices.yield_sensors import YieldSensor
 from plant_sim.faults.kind import FaultableMachine
 
 _PORTS = ("plus", "minus")
@@ -76,7 +77,7 @@ class Tray:
 
 def delayable_sensors(machine: FaultableMachine) -> Mapping[str, Sensor]:
     """Return the sensors whose edges can be delayed, by I/O tag."""
-    return {tag: sensor for tag, sensor in machine.sensors.items() if tag != "magazine_empty"}
+    return {tag: sensor for tag, sensor in machine.sensors.items() if tag not in {"magazine_empty", "guard"}}
 
 
 def sensors(machine: FaultableMachine) -> Mapping[str, Sensor]:
@@ -168,6 +169,11 @@ def flags(machine: FaultableMachine) -> Mapping[str, Flags]:
     """Return the flags of both carousels, by the tag of the cup counter."""
     records = drives(machine, "cups")
     return {f"{side}.cup_pulse": Flags(arm.cups, records[f"{side}.cups"]) for side, arm in machine.arms.items()}
+
+
+def yield_sensors(machine: FaultableMachine) -> Mapping[str, YieldSensor]:
+    """Return the optional sensors of held and planted rows, by I/O tag."""
+    return {f"{side}.{tag}": each for side, arm in machine.arms.items() for tag, each in arm.yield_sensors.items()}
 
 
 def _ends(records: Mapping[str, Any]) -> dict[str, Any]:

@@ -39,4 +39,5 @@ BOX_COILS = (
     BoxCoil(101, "stop", "machine stop (X24)"),
     BoxCoil(102, "emergency_stop", "emergency stop (X25); also removes coil power"),
     BoxCoil(103, "reset", "reset, if wired in the I/O map"),
+    BoxCoil(104, "guard", "guard open, if wired in the I/O map; also removes coil power"),
 )

@@ -11,7 +11,7 @@ from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.planting_row import PlantingRow
 from plant_sim.crop.pose import Pose, Reach
 from plant_sim.crop.quiet import AXES, Quiet, between
-from plant_sim.crop.seedling import Seedlings
+from plant_sim.crop.seedling import CELLS_ALONG, Seedlings
 from plant_sim.crop.sweep import Sweep
 from plant_sim.devices.claws import Claws
 from plant_sim.devices.cups import Cups
@@ -20,7 +20,9 @@ from plant_sim.devices.pneumatic import Records
 from plant_sim.devices.sensor import Sensor
 from plant_sim.devices.slide import Slide
 from plant_sim.devices.spreader import Spreader
+from plant_sim.devices.yield_sensors import ClawPressureSwitch, CupSensor, SeedlingBeam, YieldSensor
 from plant_sim.machine.parameters import Machine
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 
 ARM_SWITCHES: Final = (
     "lift_down",
@@ -46,6 +48,10 @@ class ArmPlant(Saved):
         cups: Carousel of this row.
         grip: Seedlings in the claws.
         row: Seedlings in the cups.
+        claw_pressure: Pressure switch in the closing port of the claws.
+        seedling_beam: Light barrier that the stems in the claws cross on the way to the feed.
+        cup_filled: Sensor that looks into the cups behind the place of throwing.
+        watches_yield: True if one of these three sensors is wired; they are not read otherwise.
     """
 
     SAVED = ("_slips", "_stirred", "_trays_m")
@@ -65,13 +71,17 @@ class ArmPlant(Saved):
         "_stirred",
         "_sweep",
         "_trays_m",
+        "claw_pressure",
         "claws",
+        "cup_filled",
         "cups",
         "grip",
         "lift",
         "row",
+        "seedling_beam",
         "slide",
         "spreader",
+        "watches_yield",
     )
 
     def __init__(
@@ -144,6 +154,12 @@ class ArmPlant(Saved):
             pitch_m=machine.cups.pitch_m,
             catch_m=machine.cups.catch_m,
         )
+        yields, pitch_m = machine.yield_sensors, machine.cups.pitch_m
+        self.claw_pressure = ClawPressureSwitch(yields, f"{seed}, claw pressure", set_pa=machine.claw_pressure_pa)
+        self.seedling_beam = SeedlingBeam(yields, f"{seed}, beam", claws=CELLS_ALONG)
+        last_claw_m = (CELLS_ALONG - 1) * pitch_m
+        self.cup_filled = CupSensor(yields, f"{seed}, cup sensor", last_claw_m=last_claw_m, pitch_m=pitch_m)
+        self.watches_yield = False
         reach = Reach(
             side=side,
             columns_m=machine.columns_m,
@@ -158,7 +174,14 @@ class ArmPlant(Saved):
         self._bed = bed
         self._trays_m = bed.trays_m
         self._pose = Pose(0.0, 0.0, gripping=False, free=False, travel_m=0.0, freed_s=0.0)
-        self._parts: tuple[Saved, ...] = (self.grip, self._sweep, self.row, self._pose, self.cups)
+        self._parts: tuple[Saved, ...] = (
+            self.grip,
+            self._sweep,
+            self.row,
+            self._pose,
+            self.cups,
+            *self.yield_sensors.values(),
+        )
         self._sync()
 
     def save(self) -> Any:
@@ -183,6 +206,16 @@ class ArmPlant(Saved):
             "claws_spread": self.spreader.spread_switch,
             "claws_converged": self.spreader.converged_switch,
             "cup_pulse": self.cups.pulse,
+            **{tag: each.sensor for tag, each in self.yield_sensors.items()},
+        }
+
+    @property
+    def yield_sensors(self) -> dict[str, YieldSensor]:
+        """Optional sensors of held and planted rows by I/O tag, without the side."""
+        return {
+            "claw_pressure": self.claw_pressure,
+            "seedling_beam": self.seedling_beam,
+            "cup_filled": self.cup_filled,
         }
 
     def place(
@@ -236,6 +269,12 @@ class ArmPlant(Saved):
             pose.free = claws_m >= self._frees_above_m
             grip.step(pose)
             self._sweep.step(pose)
+        if self.watches_yield:
+            closing_pa = float(self._state["claws"]["minus"]["chamber"]["pressure_pa"])
+            stems = [seedling.along for seedling in grip.held] if grip.extracted else []
+            self.claw_pressure.follow(closing_pa - ATMOSPHERE_PA, now_s)
+            self.seedling_beam.follow(x_m, rise_m, stems, now_s)
+            self.cup_filled.follow(chain_m, chain_m_s, self.row.contains_plug, now_s)
 
     def follow_cups(self, now_s: float, positions: list[float]) -> None:
         """Apply the latest motion of the chain to the cups, if nothing else has an effect; arguments as in `follow`."""

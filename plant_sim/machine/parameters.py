@@ -29,6 +29,7 @@ from plant_sim.devices.sensor import ContactSpec
 from plant_sim.devices.slide import SlideSpec
 from plant_sim.devices.spreader import SpreaderSpec
 from plant_sim.devices.supply import SupplySpec
+from plant_sim.devices.yield_sensors import YieldSensorsSpec
 from plant_sim.machine.layout import LayoutSpec, RatingSpec, SimulationSpec, StartSpec
 from plant_sim.machine.time_step import MOST_STEPS_PER_MS, steps_per_ms_by_key
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K
@@ -75,6 +76,7 @@ class Machine:
         conveyor: Tray conveyor and magazine.
         cups: The rotating cups.
         ground: Drive from the ground and the sensor of its speed.
+        yield_sensors: Optional sensors of held and planted rows.
         crop: Seedling age, foam thickness and claw pressure.
         seedling: Properties of seedlings and foam.
         handling: Distances that determine the outcome of handling.
@@ -102,6 +104,7 @@ class Machine:
     conveyor: ConveyorSpec
     cups: CupsSpec
     ground: GroundWheelSpec
+    yield_sensors: YieldSensorsSpec
     crop: CropSpec
     seedling: SeedlingSpec
     handling: HandlingSpec

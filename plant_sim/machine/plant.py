@@ -28,13 +28,9 @@ from plant_sim.pneumatics.flow import REFERENCE_KG_M3
 __all__ = ["ArmPlant", "Event", "Plant"]
 
 _SIDES = ("left", "right")
-_COIL_TAGS = (
-    *(f"{side}.{coil}" for side in _SIDES for coil in ARM_COILS),
-    "tray_run",
-    "tray_forward",
-)
+_COIL_TAGS = (*(f"{side}.{coil}" for side in _SIDES for coil in ARM_COILS), "tray_run", "tray_forward")
 _INDICATOR_TAGS = ("horn", "lamp_red", "lamp_amber", "lamp_green")
-_PLAIN_SENSORS: dict[str, bool] = {}
+_PLAIN_SENSORS: dict[str, bool] = {"guard": False}
 """On/off sensors without a device model: level at power-up by tag."""
 
 
@@ -53,7 +49,7 @@ class Plant(Saved):
 
     Attributes:
         time_ms: Plant time, ms; advanced only by `step`.
-        box: Push buttons.
+        box: Push buttons and guard.
         left: Left arm with its row of cups.
         right: Right arm with its row of cups.
         arms: Both arms by side.
@@ -72,7 +68,7 @@ class Plant(Saved):
         terminals: Input terminals.
         coil_wires: Y number and polarity of every coil in kernel order.
         coils: Levels of the coils in kernel order.
-        no_coils: Levels of the coils during an emergency stop.
+        no_coils: Levels of the coils without coil power.
         look_ms: Longest time between two looks at the motion, ms.
         steps_per_ms: Number of kernel steps per millisecond.
         faults: Fault schedule.
@@ -232,8 +228,8 @@ class Plant(Saved):
 
     @property
     def planter_speed_m_s(self) -> float:
-        """Set-point of a planter with its own motor, m/s, 0 during an emergency stop; the cups do not depend on it."""
-        return 0.0 if self.box.emergency_stop else self._planter_m_s
+        """Set-point of a planter with its own motor, m/s, 0 without coil power; the cups do not depend on it."""
+        return self._planter_m_s if self.box.powered else 0.0
 
     @planter_speed_m_s.setter
     def planter_speed_m_s(self, speed_m_s: float) -> None:
@@ -283,8 +279,8 @@ class Plant(Saved):
                 faults.advance(self.time_ms)
 
     def _advance(self, for_ms: int) -> None:
-        """Advance all moving parts; the emergency-stop relay removes coil power and air regardless of the outputs."""
-        coils = self.coils if (fed := not self.box.emergency_stop) else self.no_coils
+        """Advance all moving parts; the safety relay removes coil power, and the air too, regardless of the outputs."""
+        coils, fed = self.coils if self.box.powered else self.no_coils, not self.box.emergency_stop
         first, steps = self.time_ms * self.steps_per_ms, for_ms * self.steps_per_ms
         advance(self.state, self.params, coils, fed, first, steps, self.positions)
         self.time_ms += for_ms
@@ -388,6 +384,8 @@ class Plant(Saved):
         self.coils = np.zeros(len(_COIL_TAGS), np.bool_)
         self.no_coils = np.zeros(len(_COIL_TAGS), np.bool_)
         self._indicator_wires = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in self.indicators]
+        for side, arm in self.arms.items():
+            arm.watches_yield = any(f"{side}.{tag}" in io_map for tag in arm.yield_sensors)
         self._output_count = io_map.output_count
         self.positions = np.zeros(2 * len(POSITIONS) + 1)
         self.limits = CropLimits(

@@ -12,8 +12,8 @@ from plant_sim.devices.operator_box import OperatorBox
 from plant_sim.devices.sensor import Sensor
 from plant_sim.machine.kernel import SENSORS, read_sensors
 
-BUTTONS = ("start", "stop", "emergency_stop", "reset")
-"""I/O tags of the push buttons."""
+BUTTONS = ("start", "stop", "emergency_stop", "reset", "guard")
+"""I/O tags of the push buttons and of the guard, whose contact is a sensor that can fail."""
 
 
 class Terminals:
@@ -52,10 +52,11 @@ class Terminals:
         self.broken_wires: set[str] = set()
         self._box = box
         self._buttons = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in BUTTONS if tag in io_map]
+        self._contacts = {tag: sensors[tag] for tag in BUTTONS if tag in sensors}
         self._other_sensors = [
             (sensors[point.tag], point.number, point.inverted)
             for point in io_map.inputs
-            if point.tag in sensors and point.tag not in SENSORS
+            if point.tag in sensors and point.tag not in (*SENSORS, *BUTTONS)
         ]
 
     @property
@@ -68,10 +69,19 @@ class Terminals:
         """Raw level of every input that does not depend on motion, by X number; -1 for the others."""
         levels = [-1] * len(self.levels)
         for tag, number, inverted in self._buttons:
-            levels[number] = getattr(self._box, tag) != inverted
+            levels[number] = self._pressed(tag) != inverted
         for tag in self.broken_wires:
             levels[self._number_of[tag]] = 0
         return levels
+
+    def _pressed(self, tag: str) -> bool:
+        """Return the state of a button, as its contact reports it."""
+        pressed: bool = getattr(self._box, tag)
+        contact = self._contacts.get(tag)
+        if contact is None:
+            return pressed
+        contact.detect(pressed)
+        return contact.read()
 
     def read(self, state: Any, params: Any) -> list[bool]:
         """Return the raw X image, as a new list.
@@ -83,7 +93,7 @@ class Terminals:
         read_sensors(state, params, *self.arrays)
         image: list[bool] = self.levels.tolist()
         for tag, number, inverted in self._buttons:
-            image[number] = getattr(self._box, tag) != inverted
+            image[number] = self._pressed(tag) != inverted
         for sensor, number, inverted in self._other_sensors:
             image[number] = sensor.read() != inverted
         for tag in self.broken_wires:

@@ -16,7 +16,7 @@ from plant_sim.twin.lock_step import Twin
 
 Effect = Callable[[Twin], None]
 
-_BUTTONS = ("start", "stop", "emergency_stop", "reset")
+_BUTTONS = ("start", "stop", "emergency_stop", "reset", "guard")
 _FREQUENCY_UNIT = "1/min"
 
 

@@ -138,7 +138,7 @@ class CompiledRun:
         control["ahead_ms"] = ahead_ms = now_ms - begin_ms
         control["until_ms"] = until_ms - ahead_ms
         control["condition"] = 0 if condition is None else self._code_of(condition).address
-        control["fed"] = not plant.box.emergency_stop
+        control["fed"], control["powered"] = not plant.box.emergency_stop, plant.box.powered
         control["filter_ms"] = runtime.plc.input_filter.filter_ms
         control["report"], control["scans"] = report, 0
         self._trigger_records["holds"] = [trigger.holds for trigger in self._triggers]

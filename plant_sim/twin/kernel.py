@@ -37,6 +37,7 @@ RUN = np.dtype(
         ("scans", "i8"),
         ("report", "?"),
         ("fed", "?"),
+        ("powered", "?"),
         ("memory", "i8"),
         ("program", "i8"),
         ("condition", "i8"),
@@ -165,7 +166,7 @@ def run(
             advance(
                 machine,
                 params,
-                coils if r.fed else no_coils,
+                coils if r.powered else no_coils,
                 r.fed,
                 r.time_ms * r.steps_per_ms,
                 for_ms * r.steps_per_ms,

@@ -19,6 +19,7 @@ from controller.events.production import ProductionLog
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.program.machine import Transplanter
+from controller.program.operator.start_warning import WARNING_MS
 from controller.program.states import State
 from plant_sim.faults import Fault
 from plant_sim.links.in_process import InProcessLink
@@ -353,7 +354,12 @@ class Twin(Watched):
         """Press X0 in Idle and wait for Execute."""
         self.run_for(200)
         self.press("start")
-        self.run_until_state(State.EXECUTE, within_ms=1_000)
+        self.run_until_state(State.EXECUTE, within_ms=1_000 + self.warning_ms)
+
+    @property
+    def warning_ms(self) -> int:
+        """Duration of the start warning, ms; 0 without the horn."""
+        return WARNING_MS if self.machine.tags.warns else 0
 
     def active_steps(self) -> list[str]:
         """Return every active step as 'sequence: step'."""

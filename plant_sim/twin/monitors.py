@@ -71,6 +71,15 @@ def dead_in_emergency_stop(twin: Twin) -> Iterator[SafetyRule]:
     yield SafetyRule(all_of(_active(Bit("X", button.number), button), any_of(*map(_on, coils))), text)
 
 
+def dead_with_the_guard_open(twin: Twin) -> Iterator[SafetyRule]:
+    """Require that no coil is on in any scan that reads the guard as open; no rule without a guard."""
+    guard = twin.io_map.get("guard")
+    if guard is not None:
+        coils = [point for point in twin.io_map.outputs if point.tag not in INDICATORS]
+        open_ = _active(Bit("X", guard.number), guard)
+        yield SafetyRule(open_ & any_of(*map(_on, coils)), lambda: "a coil is on with the guard open")
+
+
 def gentle_inward(twin: Twin) -> Iterator[SafetyRule]:
     """Require that a slide moves inward only while its arm is down and its claws are open and converged.
 
@@ -136,6 +145,7 @@ def every_seedling_somewhere(twin: Twin) -> Iterator[SafetyRule]:
 MONITORS: tuple[Monitor, ...] = (
     opposite_coils,
     dead_in_emergency_stop,
+    dead_with_the_guard_open,
     gentle_inward,
     tray_between_arms_at_feed,
     one_in_the_centre,

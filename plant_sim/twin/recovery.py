@@ -58,7 +58,7 @@ def begin_homing(twin: Twin) -> None:
     """
     twin.confirm_constants()  # executes a scan: a button already pressed at power-up is ignored
     twin.press("start")
-    twin.run_until_state(State.RESETTING, within_ms=50)
+    twin.run_until_state(State.RESETTING, within_ms=50 + twin.warning_ms)
 
 
 def home_again(twin: Twin) -> set[str]:

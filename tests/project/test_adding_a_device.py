@@ -22,7 +22,7 @@ GUIDE: Final = (DOCS / "adding-a-device.md").read_text(encoding="utf-8")
 SOURCE_FILES: Final = 4
 NODE_MODULES: Final = "tests/controller/hmi/mitsubishi/node/node_modules"
 """Installed, not tracked."""
-SCENARIOS: Final = ("tests/controller/program/test_guard_door.py", "tests/controller/program/test_tray_clamp.py")
+SCENARIOS: Final = ("tests/controller/program/test_cabinet.py", "tests/controller/program/test_tray_clamp.py")
 TESTS: Final = (
     *SCENARIOS,
     "tests/controller/program/test_alarm_texts.py",
@@ -102,7 +102,7 @@ def test_the_edits_only_add_lines_to_the_permanent_numbers(edited: Path) -> None
     name = "tests/controller/program/permanent_numbers.csv"
     before, after = ((root / name).read_text(encoding="utf-8") for root in (ROOT, edited))
     assert after.startswith(before)
-    assert "alarm,guard_open,S,976\n" in after.removeprefix(before)
+    assert "alarm,cabinet_hot,S,981\n" in after.removeprefix(before)
 
 
 def test_the_edits_are_formatted(edited: Path) -> None:

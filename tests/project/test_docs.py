@@ -33,6 +33,7 @@ from scripts.benchmark.results import page as performance
 from scripts.benchmark.results.record import read_record
 from tests.paths import DOCS, ROOT
 from tests.project import architecture_pictures
+from tests.wiring import YIELD, wired
 
 REFERENCE = DOCS / "reference"
 PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md"), ROOT / "tests/controller/fx/engine/conformance/README.md"])
@@ -194,7 +195,7 @@ def test_the_picture_names_the_terminals_of_the_map() -> None:
 
 
 def test_orders_and_set_points_of_the_operating_guide_exist() -> None:
-    tags = build(load_io_map(DEFAULT_IO_MAP)).tags
+    tags = build(wired(*YIELD)).tags
     named = set(re.findall(r"`([a-z]+(?:_[a-z]+)+)`", read(DOCS / "operating.md")))
     assert named
     assert named <= {command.name for command in tags.commands} | set(tags.sp.names())

@@ -9,14 +9,16 @@ from controller.program.machine import build
 from controller.program.requirements.proof import specification
 from controller.program.requirements.time_limit import time_limit
 from tests.paths import DOCS
+from tests.wiring import wired
 
 PAGE = DOCS / "safety.md"
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))
+OPTIONAL_POINTS = wired("guard", "horn")
 REQUIREMENTS = {
     name.removeprefix("left: ").removeprefix("right: ")
-    for name in (requirement.name for requirement in specification(MACHINE).requirements)
+    for name in (requirement.name for requirement in specification(build(OPTIONAL_POINTS)).requirements)
 }
-NOT_REQUIREMENTS = {"air_pressure_ok", "hold", "suspend", "--allow-forcing"}
+NOT_REQUIREMENTS = {"air_pressure_ok", "guard", "hold", "suspend", "--allow-forcing"}
 """Inputs, commands and options named in the column of the program."""
 HEADING = ["hazard", "standard", "program", "hardware", "left"]
 

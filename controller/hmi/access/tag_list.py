@@ -159,6 +159,8 @@ def _arm_tags(machine: Transplanter, side: Side) -> Iterator[Tag]:
         yield _word(f"{side}.row_{row}", arm.rows[row])
         yield _bit(f"{side}.row_{row}_is_next", arm.row_is[row])
     yield _word(f"{side}.missed_cups", arm.missed_cups)
+    if arm.yields.planted is not None:
+        yield _word(f"{side}.empty_cups", arm.yields.planted.empty_cups)
     yield _word(f"{side}.cycles", arm.cycles)
     yield _word(f"{side}.cups", arm.cup_counter.value, "cups since the last release")
     yield _word(f"{side}.blocked_by", arm.blocked_by)

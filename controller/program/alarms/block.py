@@ -22,7 +22,7 @@ def alarm_block(
     machine, tray = tags.machine, tags.tray
     rungs: list[Rung] = [
         Out(machine.alarm_reset, when=machine.entered_resetting | machine.clear_requested),
-        *(Rst(alarm.bit, when=machine.alarm_reset & ~_lasting(alarm)) for alarm in alarms),
+        *(Rst(alarm.bit, when=machine.alarm_reset & ~_lasting(alarm)) for alarm in alarms if alarm.wired),
         *machine_rungs(tags, alarms),
         *cup_rungs(tags, alarms),
     ]
@@ -33,14 +33,18 @@ def alarm_block(
             *arm_rungs(tags, tags.arms[side], arm_alarms),
             Out(tags.arms[side].fault, when=any_of(*alarms.of_side(side))),
         ]
-    stopping = [alarm.bit for alarm in alarms.by_severity() if alarm.stops_work]
+    stopping = [alarm.bit for alarm in alarms.by_severity() if alarm.stops_work and alarm.wired]
     cups = {alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground}
     counts = [arm_alarms.cup_counts for arm_alarms in arms.values()]
-    of_machine = [alarm.bit for alarm in alarms if alarm.stops_work and alarm.side is None and alarm.bit not in cups]
+    of_yield = [alarm for arm_alarms in arms.values() for alarm in arm_alarms.of_yield]
+    of_machine = [alarm.bit for alarm in alarms if alarm.side is None and alarm.bit in {*stopping} - cups]
     rungs += [
         Out(tray.fault, when=alarms.tray_jam | alarms.tray_lost),
         Out(machine.cup_fault, when=any_of(alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground, *counts)),
-        Out(machine.fault, when=any_of(machine.cup_fault, *(arm.fault for arm in tags.arms.values()), *of_machine)),
+        Out(
+            machine.fault,
+            when=any_of(machine.cup_fault, *(arm.fault for arm in tags.arms.values()), *of_yield, *of_machine),
+        ),
         Mov(0, machine.first_out, when=machine.alarm_reset),
         *(
             Mov(bit.number, machine.first_out, when=all_of(machine.fault, bit, machine.first_out.equals(0)))

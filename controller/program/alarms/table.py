@@ -59,6 +59,8 @@ _ARM_ALARM_NUMBERS: Final = {
     "belt switches": (962, 969),
     "unbidden": (963, 970),
     "cup counts": (964, 971),
+    "row short": (977, 978),
+    "claw pressure": (979, 980),
 }
 ARM_ALARM_NUMBERS: Final = Declared("ARM_ALARM_NUMBERS", __name__, _ARM_ALARM_NUMBERS)
 """Permanent S numbers of the arm alarms by key: left, right. Append new rows at the end."""
@@ -89,6 +91,7 @@ class Alarm:
         cause: Condition that is true while the cause persists; the alarm cannot be reset during this time. None if the
             cause disappears when the alarm stops the motion.
         stops_arm: True if the alarm of an arm stops it in its stroke; an alarm of the cups lets it complete the stroke.
+        wired: False for the alarm of an optional input that is not wired; it then has no rungs.
     """
 
     bit: Bit
@@ -99,6 +102,7 @@ class Alarm:
     stops_work: bool = True
     cause: Expr | None = None
     stops_arm: bool = True
+    wired: bool = True
 
     @property
     def safety(self) -> bool:
@@ -115,7 +119,7 @@ class Annunciators:
     """Alarm table of the program."""
 
     def __init__(self, tags: Tags) -> None:
-        x, system, tray = tags.x, tags.system, tags.tray
+        x, system, machine, tray = tags.x, tags.system, tags.machine, tags.tray
         safety, warning = Severity.SAFETY, Severity.WARNING
         self._table: list[Alarm] = []
         self.emergency_stop = self.add(
@@ -142,10 +146,17 @@ class Annunciators:
         self.cups_fast = self.add("cups_fast", number=973)
         self.cups_implausible = self.add("cups_implausible", number=974)
         self.cups_ground = self.add("cups_ground", number=975)
+        self.guard_open = self.add(
+            "guard_open",
+            number=976,
+            severity=safety,
+            cause=machine.guard_open & ~system.link_lost,
+            wired=x.optional("guard") is not None,
+        )
         self.cups_slow = self.add("cups_slow", number=996, severity=warning)
         self.start_stuck = self.add("start_stuck", number=997, severity=warning, cause=x.start)
         self.reset_stuck = self.add("reset_stuck", number=998, severity=warning, cause=x.optional("reset"))
-        self.constants = self.add("constants", number=999, severity=warning, cause=tags.machine.constants_differ)
+        self.constants = self.add("constants", number=999, severity=warning, cause=machine.constants_differ)
 
     def __iter__(self) -> Iterator[Alarm]:
         """Iterate over all alarms by S number."""
@@ -170,6 +181,7 @@ class Annunciators:
         text: AlarmText | None = None,
         cause: Expr | None = None,
         stops_arm: bool = True,
+        wired: bool = True,
     ) -> Bit:
         """Add an alarm.
 
@@ -182,6 +194,7 @@ class Annunciators:
             text: Message and checks. Default: the entry of this key in `texts.alarms.messages.ALARMS`.
             cause: Condition that is true while the cause persists.
             stops_arm: True if the alarm of an arm stops it in its stroke.
+            wired: False for the alarm of an optional input that is not wired.
 
         Returns:
             The annunciator.
@@ -197,7 +210,7 @@ class Annunciators:
         if stops_work is None:
             stops_work = severity is not Severity.WARNING
         bit = Bit("S", number, name, text.comment)
-        self._table.append(Alarm(bit, key, side, text, severity, stops_work, cause, stops_arm))
+        self._table.append(Alarm(bit, key, side, text, severity, stops_work, cause, stops_arm, wired))
         return self._table[-1].bit
 
     def add_to_arm(self, key: str, side: Side, *, cause: Expr | None = None, stops_arm: bool = True) -> Bit:
@@ -241,6 +254,8 @@ def machine_rungs(tags: Tags, alarms: Annunciators) -> list[Rung]:
         rungs += stuck_rungs(tags, machine.t_reset, alarms.reset_stuck, reset)
     if (air_low := x.optional_off("air_pressure_ok")) is not None:
         rungs.append(Annunciate(Timer(105, "air low"), 5 * MS_100, alarms.air_low, when=air_low))
+    if x.optional("guard") is not None:
+        rungs.append(Set(alarms.guard_open, when=machine.guard_stops & ~system.link_lost))
     if (magazine := x.optional("magazine_empty")) is not None:
         rungs += [Set(alarms.magazine_empty, when=magazine), Rst(alarms.magazine_empty, when=~magazine)]
     return rungs

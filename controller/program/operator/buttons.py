@@ -62,7 +62,7 @@ def release_rungs(tags: Tags, changed: Expr) -> list[Rung]:
         Out(machine.no_due, when=no & _lasts(stop, ANSWER_PRESS_MS)),
         Out(machine.clear_due, when=clear & _lasts(stop, CLEAR_PRESS_MS)),
         Set(machine.reset_armed, when=machine.reset_pressed),
-        Rst(machine.reset_armed, when=lost if reset is None else _void(tags, machine.t_reset)),
+        Rst(machine.reset_armed, when=lost if reset is None else _void(tags, machine.t_reset) | x.guard_open),
         Out(machine.reset_released, when=machine.reset_armed & reset_ends),
         Out(
             machine.released_early,

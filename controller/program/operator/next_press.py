@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import IntEnum
 from typing import Final
 
-from controller.core.expr import TRUE, Bit, Expr, Word, all_of, any_of
+from controller.core.expr import FALSE, TRUE, Bit, Expr, Word, all_of, any_of
 from controller.core.rungs import Add, Mov, Rung
 from controller.program.alarms.table import Alarm
 from controller.program.operator.answers import Question, asked
@@ -46,6 +46,8 @@ class NextPress(IntEnum):
     RELEASE_NOW = 21
     CONFIRM_CONSTANTS = 22
     STOP_AND_HOME = 23
+    CLOSE_GUARD = 24
+    STAND_CLEAR = 25
 
 
 _BEFORE_ANSWERS: Final = NextPress.ANSWER_LEFT_LOADED - Question.LEFT_LOADED
@@ -72,11 +74,13 @@ def _table(tags: Tags, orders: Orders) -> Iterator[tuple[NextPress, Expr]]:
     faults = any_of(system.link_lost, system.scan_fault, system.store_fault, system.outputs_taken)
     yield NextPress.NONE, TRUE
     yield NextPress.HOME, at_rest
-    by_hand = any_of(machine.held_by_operator, machine.held_by_panel)
+    by_hand = any_of(machine.held_by_operator, machine.held_by_panel, *([machine.lapsed] if tags.warns else []))
     yield NextPress.RESUME, all_of(held, by_hand, orders.free(tags.commands.unhold))
     yield NextPress.REPAIR_AND_HOME, at_rest & machine.fault
     yield NextPress.CONFIRM_CONSTANTS, at_rest & machine.constants_open
     yield NextPress.ANSWER_COMMAND, held & asking
+    if x.guard_open is not FALSE:
+        yield NextPress.CLOSE_GUARD, at_rest & x.guard_open
     yield NextPress.START, idle
     yield NextPress.STOP_AND_HOME, idle & ~orders.free(tags.commands.start)
     yield NextPress.LEAVE_ZERO_RETURN, idle & machine.mode.equals(Mode.ZERO_RETURN)
@@ -84,6 +88,8 @@ def _table(tags: Tags, orders: Orders) -> Iterator[tuple[NextPress, Expr]]:
     yield NextPress.JOG, machine.jogging
     yield NextPress.SEARCH_TRAY, suspended & tray.missing
     yield NextPress.UNSUSPEND, machine.running & machine.suspended_by_operator
+    if tags.warns:
+        yield NextPress.STAND_CLEAR, machine.warning
     tried = machine.start_pressed | ~machine.refused_now  # a refused press of X24 itself shows what else to press
     yield NextPress.RELEASE_STOP, all_of(any_of(at_rest, idle, suspended), x.stop, ~answering_no, tried)
     yield NextPress.CLEAR, aborted
@@ -98,7 +104,7 @@ def next_press_rungs(tags: Tags, orders: Orders) -> list[Rung]:
     asking = machine.question.differs(0) & _any_question(tags)  # the register of the question is older
     return [
         *(Mov(press, machine.next_press, when=when) for press, when in _table(tags, orders)),
-        Add(machine.question, _BEFORE_ANSWERS, machine.next_press, when=asking & answerable),
+        Add(machine.question, _BEFORE_ANSWERS, machine.next_press, when=all_of(asking, answerable, ~tags.x.guard_open)),
         Mov(NextPress.RELEASE_NOW, machine.next_press, when=any_of(*due(tags))),
     ]
 

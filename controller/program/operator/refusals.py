@@ -65,6 +65,7 @@ class Refusal(IntEnum):
     OTHER_ARM_OUT = auto()
     CONSTANTS = auto()
     TRAY_UNKNOWN = auto()
+    GUARD_OPEN = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,18 +165,30 @@ class Orders:
         arms = [obstacle for side in SIDES for obstacle in self._arm_not_ready(side)]
         from_idle = [Obstacle(o.reason, all_of(state.equals(State.IDLE), o.active)) for o in (alarm, questions, *arms)]
         unconfirmed = Obstacle(Refusal.CONSTANTS, machine.constants_open)
-        yield commands.reset, [_only_in(Refusal.NOT_AT_REST, tags, *HOMED_FROM), stop, unconfirmed]
+        guard = [] if x.guard_open is FALSE else [Obstacle(Refusal.GUARD_OPEN, x.guard_open)]
+        yield commands.reset, [_only_in(Refusal.NOT_AT_REST, tags, *HOMED_FROM), stop, *guard, unconfirmed]
         yield (
             commands.start,
-            [_only_in(Refusal.NOT_IDLE, tags, State.IDLE, State.SUSPENDED), stop, zero_return, *from_idle],
+            [_only_in(Refusal.NOT_IDLE, tags, State.IDLE, State.SUSPENDED), stop, *guard, zero_return, *from_idle],
         )
         answers_or_clears = machine.no_armed | (state.equals(State.ABORTED) & x.stop)
+        if tags.warns:  # a stop ends the warning
+            answers_or_clears = answers_or_clears | machine.warning
         ended = _only_in(Refusal.NOT_STOPPABLE, tags, *STOPPABLE).active
         yield commands.stop, [Obstacle(Refusal.NOT_STOPPABLE, ended & ~answers_or_clears)]
         yield commands.hold, [running]
         yield (
             commands.unhold,
-            [_only_in(Refusal.NOT_HELD, tags, State.HELD), stop, zero_return, alarm, questions, *arms, self._tray()],
+            [
+                _only_in(Refusal.NOT_HELD, tags, State.HELD),
+                stop,
+                *guard,
+                zero_return,
+                alarm,
+                questions,
+                *arms,
+                self._tray(),
+            ],
         )
         yield commands.suspend, [running, manual]
         yield commands.unsuspend, [Obstacle(Refusal.NOT_SUSPENDED, ~machine.suspended_by_operator)]
@@ -236,6 +249,7 @@ class Orders:
                 commands.discard[side],
                 [
                     Obstacle(Refusal.MOVING, ~arm.hears_answers & ~machine.jogging),
+                    Obstacle(Refusal.QUESTION, ~arm.hears_answers & arm.ask),
                     Obstacle(not_loaded, ~arm.loaded & ~arm.ask),
                 ],
             )

@@ -133,11 +133,14 @@ class HomingTrial:
             self._write(values, values.keys())
 
     def home(self) -> Ending:
-        """Command reset and home, and execute scans until the machine no longer moves."""
-        began_ms, memory = self._now_ms, self._execution.memory
-        state = self.machine.tags.machine.state.number
+        """Command reset and home, wait for the start warning, and execute scans until the machine no longer moves."""
+        memory, control = self._execution.memory, self.machine.tags.machine
+        state, waits = control.state.number, control.home_waits.number
         self._plc.press(self.machine.tags.commands.reset)
         self._scan()
+        while memory.M[waits] and memory.D[state] != State.RESETTING:
+            self._scan()
+        began_ms = self._now_ms - self._scan_ms
         while memory.D[state] not in _ENDS and self._now_ms - began_ms <= self._limit_ms:
             self._scan()
         ended = State(memory.D[state]) if memory.D[state] in _ENDS else None

@@ -34,7 +34,7 @@ def specification(machine: Transplanter, data: MachineData | None = None) -> Spe
     """
     data = data or MachineData()
     tags = machine.tags
-    safety = Safety(tags, machine.alarms)
+    safety = Safety(machine, busy_steps(machine))
     invariants = dict(_of_machine(machine, safety))
     for side in SIDES:
         of_arm = _of_arm(machine, side, safety.arms[side])
@@ -51,6 +51,12 @@ def specification(machine: Transplanter, data: MachineData | None = None) -> Spe
         limits=tuple(limits(tags, safety)),
         checks=_checks(machine, data),
     )
+
+
+def busy_steps(machine: Transplanter) -> Expr:
+    """Return the condition that a step moves something or lasts a fixed time; other steps wait for an event."""
+    steps = (row for sequence in machine.program.sequences() for row in sequence)
+    return any_of(*(bit for bit, step in steps if step.hold or step.dwell is not None))
 
 
 def _checks(machine: Transplanter, data: MachineData) -> tuple[ComputedProperty, ...]:
@@ -113,7 +119,9 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     for sequence in machine.program.sequences():
         bits = [bit for bit, _ in sequence]
         yield f"{sequence.name}: one step at a time", all_of(*(~(a & b) for a, b in itertools.combinations(bits, 2)))
-    yield "moving states allow motion", _implies(_one_of(control.state, MOVING), control.motion)
+    guarded = tags.x.guard_open is not FALSE
+    ends = all_of(control.state.equals(State.STOPPING), control.guard_open) if guarded else FALSE  # for one scan
+    yield "moving states allow motion", _implies(_one_of(control.state, MOVING), control.motion | ends)
     moved = safety.machine.moved
     yield "the monitor records that motion is allowed", _implies(control.motion, moved)
     yield "the monitor records the jog", _implies(control.jog.differs(0), safety.machine.jogged)
@@ -127,6 +135,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     steps = [_any_step(sequence) for sequence in machine.program.sequences()]
     yield "no step is active in manual mode", _implies(control.mode.equals(Mode.MANUAL), ~any_of(*steps))
     yield "tray feeder: steps are active only in moving states", _implies(_any_step(machine.feeder), control.motion)
+    yield from (*_of_guard(machine, safety), *_of_warning(machine, safety))
     yield from _of_tray(machine)
     in_place = tags.tray.phase.equals(IN_PLACE)
     for side in SIDES:
@@ -157,6 +166,38 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     yield from _homing_ends(machine)
 
 
+def _of_guard(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Expr]]:
+    """Yield the invariants about an open guard, after which the machine waits for a fresh order; none without guard."""
+    tags = machine.tags
+    if tags.x.guard_open is FALSE:
+        return
+    waits = safety.machine.after_guard
+    steps = [_any_step(sequence) for sequence in machine.program.sequences()]
+    working = _one_of(tags.machine.state, {*MOVING, State.IDLE} - {State.STOPPING})
+    yield "an open guard ends all steps", _implies(waits, ~any_of(*steps))
+    yield "after an open guard, the machine waits for an order", _implies(waits, ~working)
+
+
+def _of_warning(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Expr]]:
+    """Yield the invariants about orders that wait for the start warning; none without the horn."""
+    tags, control, monitor = machine.tags, machine.tags.machine, safety.machine
+    if not tags.warns:
+        return
+    suspended = control.state.equals(State.SUSPENDED)
+    ends = _one_of(control.state, (State.STOPPING, State.HOLDING))
+    waits = control.home_waits | control.go_waits
+    yield "an order that waits was given", _implies(waits, monitor.ordered)
+    yield "an order that waits was given after the guard closed", _implies(waits, ~monitor.after_guard)
+    yield (
+        "without a warning, the machine rests, stops or stands in Suspended",
+        _implies(monitor.unwarned & ~control.manual, any_of(~control.motion, ends, suspended)),
+    )
+    yield (
+        "in Suspended without a warning, all steps wait",
+        _implies(all_of(monitor.unwarned, ~control.manual, suspended), ~busy_steps(machine)),
+    )
+
+
 def _of_tray(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
     """Yield the invariants about the tray in place and the tray being fed."""
     tags = machine.tags
@@ -174,8 +215,11 @@ def _of_tray(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
         _implies(any_of(feeding, tags.tray.t_jam.done, tags.tray.met), ~in_place),
     )
     settle = machine.feeder["settle"]
-    yield "a tray that has arrived is in a known place", _implies(settle & in_place, tags.tray.place_known)
+    ends = _one_of(control.state, (State.STOPPING, State.HOLDING))  # with the alarm of a lost tray
+    yield "a tray that has arrived is in a known place", _implies(settle & in_place, tags.tray.place_known | ends)
     yield "a tray that is ready is in a known place", _implies(tags.tray.ready & in_place, tags.tray.place_known)
+    lost = all_of(_one_of(control.state, RUNNING), control.fault)
+    yield "a tray that is lost while the machine runs stops it", _implies(tags.tray.t_lost.done, lost)
     working = ~control.manual & _one_of(control.state, (State.IDLE, *RUNNING))
     yield "work is done on a tray whose place is known", _implies(working & in_place, tags.tray.place_known)
 
@@ -231,6 +275,8 @@ def _of_arm(machine: Transplanter, side: Side, monitor: ArmMonitor) -> dict[str,
         "loaded claws are closed": _implies(a.loaded, a.claws_closed),
         "claws that have gripped are closed": _implies(a.clamped, a.claws_closed),
         "a discard is of a load": _implies(a.discard, a.loaded),
+        "the monitor records cycles, rows and tray": monitor.counts.records(),
+        "claws known to the monitor are known": _implies(monitor.counts.known, a.claws_known),
         "clamped claws have closed for their dwell time": _implies(a.clamped, monitor.gripped),
         "with claws closed at a row, the slide has not moved": _implies(a.on_row, monitor.unmoved),
         "the slide has not left a row in progress": _implies(in_progress & monitor.holds, monitor.unmoved | driven),

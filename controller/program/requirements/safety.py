@@ -12,12 +12,15 @@ from collections.abc import Callable, Iterator
 from controller.core.expr import FALSE, Bit, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Out, Rst, Rung, Set
+from controller.core.sequence import Sequence
 from controller.core.specification import Requirement
-from controller.program.alarms.table import Annunciators
 from controller.program.areas import Area
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
+from controller.program.machine import Transplanter
 from controller.program.operator.commands import JOGGED
+from controller.program.requirements.counts import CountMonitor
 from controller.program.requirements.positions import PositionMonitor
+from controller.program.requirements.safeguards import guarded, warned
 from controller.program.states import Mode, State
 from controller.program.tags import FIRST_SCAN, FULL, IN_PLACE, MOVING_OUT, ROWS, SIDES, TAKEN, ArmTags, Side, Tags
 
@@ -27,15 +30,16 @@ _JOGGED_TAGS = frozenset({*JOGGED, "tray_forward"})
 class ArmMonitor:
     """Monitor of the effects of one arm's coils."""
 
-    def __init__(self, tags: Tags, side: Side) -> None:
+    def __init__(self, tags: Tags, side: Side, cycle: Sequence) -> None:
         m = Area("M", 470 + 9 * SIDES.index(side), 478 + 9 * SIDES.index(side), f"{side} monitor")
-        self._tags, self._side = tags, side
+        self._tags, self._side, self._cycle = tags, side, cycle
         self.positions = PositionMonitor(tags, side)
+        self.counts = CountMonitor(tags, side)
         self.open = m.bit("open", "the claws have opened for their dwell time since they last closed")
         self.gripped = m.bit("gripped", "the claws have closed for their dwell time since they last opened, or unknown")
         self.holds = m.bit("holds", "the claws have closed at a row since they last opened, or unknown")
         self.unmoved = m.bit("unmoved", "the slide has not been driven since the claws closed at a row")
-        self.released = m.bit("released", "a cup for the release of the load has been counted")
+        self.released = m.bit("released", "a cup for the load has been counted, and its release has begun at once")
         self.discarded = m.bit("discarded", "the operator has discarded the load")
         self.arrived = m.bit("arrived", "a switch at or beyond the next row has been on since the slide left feed")
         self.in_centre = m.bit("in centre", "the arm may be inward of pick 2; it is not certainly at feed or at row 2")
@@ -50,11 +54,16 @@ class ArmMonitor:
         """Return the rungs of the monitor; they follow the outputs in the scan."""
         tags, a = self._tags, self._tags.arms[self._side]
         y, commands = a.coils, tags.commands
-        yes, no, discard = (table[self._side] for table in (commands.loaded_yes, commands.loaded_no, commands.discard))
+        yes, discard = commands.loaded_yes[self._side], commands.discard[self._side]
+        no = all_of(commands.loaded_no[self._side], ~yes, ~discard)
         certainly = self.positions.certainly
         over_row = ~certainly("feed")
+        releasing = self._cycle["release delay"] | self._cycle["open claws"]
+        stated = any_of(self.discarded, discard, commands.loaded_no[self._side], tags.machine.manual)
+        released = all_of(a.opened, self.released, self.holds, ~stated)
         return [
             *self.positions.places(),
+            *self.counts.rungs(released),
             Set(self.open, when=a.t_opening.done),
             Rst(self.open, when=y["claws_close"]),
             Set(self.gripped, when=any_of(a.t_closing.done, yes, discard, FIRST_SCAN & ~a.claws_known)),
@@ -64,7 +73,7 @@ class ArmMonitor:
             Rst(self.unmoved, when=y["slide_inward"] | y["slide_outward"]),
             Set(self.unmoved, when=y["claws_close"] & over_row),
             Set(self.released, when=a.cup & a.count_good),
-            Rst(self.released, when=a.t_opening.done | ~tags.machine.motion),
+            Rst(self.released, when=any_of(~releasing, a.t_opening.done, ~tags.machine.motion)),
             Set(self.discarded, when=discard),
             Rst(self.discarded, when=a.t_opening.done),
             Rst(self.arrived, when=certainly("feed")),
@@ -78,9 +87,9 @@ class ArmMonitor:
 class MachineMonitor:
     """Monitor of the machine: motion in the last scan and commands since then."""
 
-    def __init__(self, tags: Tags) -> None:
+    def __init__(self, tags: Tags, busy: Expr) -> None:
         m = Area("M", 488, 499, "monitor")
-        self._tags = tags
+        self._tags, self._busy = tags, busy
         self.moved = m.bit("moved", "the last scan allowed motion")
         self.pressed = m.bit("pressed", "a button was pressed or a command given that can start motion, this scan")
         self.restarted = m.bit("restarted", "a coil came on from rest without a button or command")
@@ -94,9 +103,14 @@ class MachineMonitor:
         self.emergency_on = m.bit("emergency stop on", "X25 was on when it was last read")
         self.tray_fed = m.bit(
             "tray fed",
-            "the feeder has driven the belt, or a tray been confirmed, since Aborted, manual mode and power-up",
+            "the feeder has driven the belt, or a tray confirmed, since Aborted, manual mode, power-up, guard open",
         )
         self.unconfirmed = m.bit("unconfirmed", "constants differed at power-up; X25 has not been on and off since")
+        self.ordered = Area("M", 478, 478, "monitor").bit("ordered", "an order waits for the start warning, or begins")
+        self.unwarned = Area("M", 487, 487, "monitor").bit(
+            "unwarned", "the machine has been at rest, and no start warning has been completed since"
+        )
+        self.after_guard = m.bit("after guard", "the guard has been open since the last fresh order")
 
     def rungs(self) -> list[Rung]:
         """Return the rungs of the monitor; they follow the outputs in the scan."""
@@ -114,7 +128,11 @@ class MachineMonitor:
                 self.pressed,
                 when=any_of((pressed | reset_released) & ~FIRST_SCAN, commands.start, commands.reset, commands.unhold),
             ),
-            Out(self.restarted, when=all_of(any_coil(tags), ~self.moved, ~self.pressed)),
+            *self._warning_rungs(),
+            Out(
+                self.restarted,
+                when=all_of(any_coil(tags), ~self.moved, ~(self.ordered if tags.warns else self.pressed)),
+            ),
             Out(self.moved, when=machine.motion),
             Out(self.jog_unbidden, when=all_of(machine.manual, any_coil(tags), ~self.jogged, ~asked)),
             Out(self.jogged, when=machine.jog.differs(0)),
@@ -125,12 +143,39 @@ class MachineMonitor:
             Out(self.stop_on, when=x.stop & ~lost),
             Out(self.reset_on, when=reset_on),
             Set(self.tray_fed, when=any_of(commands.tray_same, commands.tray_full, tags.tray.driven["tray_forward"])),
-            Rst(self.tray_fed, when=machine.state.equals(State.ABORTED) | machine.mode.equals(Mode.MANUAL)),
+            Rst(
+                self.tray_fed,
+                when=any_of(machine.state.equals(State.ABORTED), machine.mode.equals(Mode.MANUAL), x.guard_open),
+            ),
             Set(self.unconfirmed, when=FIRST_SCAN & differ),
             Rst(self.unconfirmed, when=all_of(self.emergency_on, ~x.emergency_stop, ~lost)),
             Set(self.emergency_on, when=x.emergency_stop & ~lost),
             Rst(self.emergency_on, when=~x.emergency_stop & ~lost),
+            *self._guard_rungs(),
         ]
+
+    def _warning_rungs(self) -> list[Rung]:
+        """Return the rungs that record orders which wait for the start warning, and a rest without one since.
+
+        In Suspended, the machine rests if all coils are off and each step waits for an event.
+        """
+        tags, machine = self._tags, self._tags.machine
+        if not tags.warns:
+            return []
+        waits = any_of(machine.home_waits, machine.go_waits, machine.t_warning.done)
+        rests = all_of(machine.state.equals(State.SUSPENDED), ~self._busy, ~any_coil(tags))
+        return [
+            Out(self.ordered, when=self.pressed | (self.ordered & waits)),
+            Rst(self.unwarned, when=machine.t_warning.done),
+            Set(self.unwarned, when=~machine.motion | rests),
+        ]
+
+    def _guard_rungs(self) -> list[Rung]:
+        """Return the rungs that record a guard that has been open since the last order; none without its input."""
+        opened = self._tags.x.guard_open
+        if opened is FALSE:
+            return []
+        return [Rst(self.after_guard, when=self.pressed), Set(self.after_guard, when=opened)]
 
 
 def _jogged(tags: Tags, tag: str) -> Expr:
@@ -146,13 +191,21 @@ def any_coil(tags: Tags) -> Expr:
 class Safety:
     """All monitors and requirements of the machine."""
 
-    def __init__(self, tags: Tags, alarms: Annunciators) -> None:
-        self.arms = {side: ArmMonitor(tags, side) for side in SIDES}
-        self.machine = MachineMonitor(tags)
+    def __init__(self, program: Transplanter, busy: Expr = FALSE) -> None:
+        """Create the monitors.
+
+        Args:
+            program: Program of the machine.
+            busy: Condition that a step of a sequence moves something or lasts a fixed time.
+        """
+        tags, alarms = program.tags, program.alarms
+        self.arms = {side: ArmMonitor(tags, side, program.cycles[side]) for side in SIDES}
+        self.machine = MachineMonitor(tags, busy)
         rungs = [*(rung for arm in self.arms.values() for rung in arm.rungs()), *self.machine.rungs()]
         self.monitors = Block("monitors", tuple(rungs))
         self.requirements = (
             *(each for side in SIDES for each in _of_arm(tags, side, self.arms, any_of(*alarms.of_side(side)))),
+            *(each for arm in self.arms.values() for each in arm.counts.requirements()),
             *_of_machine(tags, self.arms, self.machine, alarms.tray_jam | alarms.tray_lost),
         )
 
@@ -268,6 +321,8 @@ def _of_machine(
     entering = any_of(*(a.coils["slide_inward"] for a in arms))
     never = {
         "motion during an emergency stop": ("no motion during an emergency stop", moves & x.emergency_stop),
+        **guarded(tags, moves & monitor.after_guard, moves),
+        **warned(tags, moves & monitor.unwarned),
         "motion without inputs": ("no motion while the field link is lost", moves & tags.system.link_lost),
         "motion after a scan or store fault": (
             "outputs must be off after such a fault",

@@ -36,8 +36,8 @@ class _OperatorPresses:
     def __init__(self, machine: Transplanter) -> None:
         tags = machine.tags
         x, system = tags.x, tags.system
-        reset = x.optional("reset")
-        buttons = [x.start, x.stop, x.emergency_stop, *(() if reset is None else (reset,))]
+        optional = (x.optional("reset"), x.optional("guard"))
+        buttons = [x.start, x.stop, x.emergency_stop, *(each for each in optional if each is not None)]
         self._nothing = {
             **dict(_terminal(button, active=False) for button in buttons),
             **{command.bit: False for command in tags.commands},
@@ -62,6 +62,25 @@ class _OperatorPresses:
         return {**self._nothing, command: True}
 
 
+def _ordered(machine: Transplanter, name: str, start: Expr, command: Bit, target: State) -> Iterator[WayOut]:
+    """Yield the ways from an order to the state in which it is executed.
+
+    With the horn, an order outside manual mode waits for the start warning first.
+    """
+    tags, operator, begun = machine.tags, _OperatorPresses(machine), _is(machine, target)
+    control = tags.machine
+    if not tags.warns:
+        yield WayOut(name, start, (operator.press(command),), begun)
+        return
+    waits, over = control.home_waits, control.t_warning.done
+    if command is not tags.commands.reset:
+        waits, start = control.go_waits, all_of(start, ~control.home_waits, ~control.reset_armed)  # homing goes first
+    automatic = start & ~control.manual
+    yield WayOut(f"{name}: warning", automatic, ({**operator.press(command), over: False},), waits)
+    yield WayOut(name, automatic & waits, ({**operator.off(), over: True},), begun)
+    yield WayOut(f"{name}, manual mode", start & control.manual, (operator.press(command),), begun)
+
+
 def _terminal(condition: Expr, *, active: bool) -> tuple[Bit, bool]:
     """Return the terminal of an input condition and the level that makes it active or inactive."""
     inverted = isinstance(condition, Not)
@@ -75,8 +94,10 @@ def _is(machine: Transplanter, *states: State) -> Expr:
 
 
 def _stopped(machine: Transplanter) -> Expr:
-    """Return the condition of Stopped while the reset button is not pressed, since its release begins homing."""
-    return _is(machine, State.STOPPED) & ~machine.tags.machine.reset_armed
+    """Return the condition of Stopped while no homing is about to begin, by the release of reset or after a warning."""
+    control = machine.tags.machine
+    stopped = _is(machine, State.STOPPED) & ~control.reset_armed
+    return stopped & ~control.home_waits if machine.tags.warns else stopped
 
 
 def _to_stopped(machine: Transplanter) -> Iterator[WayOut]:
@@ -106,12 +127,8 @@ def _from_stopped(machine: Transplanter) -> Iterator[WayOut]:
         "X25 pressed and released: constants confirmed", unconfirmed & ready, (stop, operator.off()), ~unconfirmed
     )
     for state in HOMED_FROM:
-        yield WayOut(
-            f"reset: from {state.name.title()} to Resetting",
-            _is(machine, state) & ~unconfirmed,
-            (operator.press(tags.commands.reset),),
-            _is(machine, State.RESETTING),
-        )
+        name = f"reset: from {state.name.title()} to Resetting"
+        yield from _ordered(machine, name, _is(machine, state) & ~unconfirmed, tags.commands.reset, State.RESETTING)
 
 
 def _to_work(machine: Transplanter) -> Iterator[WayOut]:
@@ -122,12 +139,8 @@ def _to_work(machine: Transplanter) -> Iterator[WayOut]:
         (State.HELD, "unhold", tags.commands.unhold, State.UNHOLDING),
     ):
         start = all_of(_is(machine, state), machine.orders.free(command))
-        yield WayOut(
-            f"{name}: from {state.name.title()} to {target.name.title()}, arms ready",
-            start,
-            (operator.press(command),),
-            _is(machine, target),
-        )
+        title = f"{name}: from {state.name.title()} to {target.name.title()}, arms ready"
+        yield from _ordered(machine, title, start, command, target)
     manual = all_of(_is(machine, State.IDLE), control.manual, machine.orders.free(tags.commands.start))
     run = (operator.press(tags.commands.start), operator.off())
     yield WayOut("start: from Idle to jogging in manual mode", manual, run, control.jogging | control.fault)

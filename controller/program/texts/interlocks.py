@@ -52,6 +52,7 @@ _RULES: Final = {
         "a load is released only over the cups or at its own row", "只可在苗杯上方或原苗行松开所夹的苗"
     ),
     "load down only when spread": Text("with a load, down only with spread claws", "带苗时，夹爪分散后才可下降"),
+    "guard closed": Text("the guard is open", "安全门打开"),
     "in service": Text("the arm is out of service", "该臂已停用"),
     "arms at feed": Text("the tray moves only with both arms at the feed position", "两臂都在投苗位时苗盘才可移动"),
     "no feeder fault": Text("an alarm of the tray feeder is active", "供盘装置有报警"),

@@ -57,6 +57,10 @@ _NEXT_PRESSES: Final = {
         "机器常数与默认值不同；核对后按下 X25 再释放",
     ),
     23: Text("press X24 to stop, then X0 to home", "按 X24 停止，再按 X0 回原点"),
+    25: Text("stand clear: the machine is about to move; X24 prevents it", "机器即将动作，请离开；按 X24 取消"),
+    24: Text(
+        "nobody in the machine? Close the guard, then press X0 to home", "确认机内无人，关上安全门，然后按 X0 回原点"
+    ),
 }
 NEXT_PRESSES: Final = Declared("NEXT_PRESSES", __name__, _NEXT_PRESSES)
 """Next useful press of the operator, by `next_press.NextPress`. A text that sends a hand into the machine begins with

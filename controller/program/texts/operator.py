@@ -61,6 +61,8 @@ _REASONS: Final = {
     7: Text("operator answer required", "等待操作员回答"),
     8: Text("held by the operator", "操作员保持"),
     9: Text("operator panel not responding", "操作面板无响应"),
+    10: Text("guard open", "安全门打开"),
+    11: Text("nothing moved within 10 s after the start warning", "启动警告后 10 秒内无动作"),
 }
 REASONS: Final = Declared("REASONS", __name__, _REASONS)
 """Reasons for Suspended and Held, by `states.Reason`."""
@@ -168,6 +170,7 @@ _REFUSALS: Final = {
         "machine constants differ from their defaults and are not confirmed with X25",
         "机器常数与默认值不同，尚未用急停按钮确认",
     ),
+    "GUARD_OPEN": Text("the guard is open", "安全门打开"),
     "TRAY_UNKNOWN": Text("the tray may have been moved; home first", "苗盘可能被移动过；请先回原点"),
 }
 REFUSALS: Final = Declared("REFUSALS", __name__, _REFUSALS)

@@ -9,7 +9,6 @@ from typing import Final, NamedTuple
 from controller.core.expr import Bit, Word
 from controller.program.machine import Transplanter
 from controller.program.states import State
-from plant_sim.faults import FAULTS
 from plant_sim.stories.drawn.action import Deed
 from plant_sim.twin.lock_step import Twin
 
@@ -90,14 +89,16 @@ class Coverage:
         triples: Triples reached, with the number of stories that reached each.
         places: States and steps reached.
         acted: Number of actions that had an effect, by kind of fault or action.
+        kinds: Kinds of fault that the machine can have.
         possible: Number of triples.
     """
 
-    def __init__(self, machine: Transplanter) -> None:
+    def __init__(self, machine: Transplanter, kinds: Iterable[str]) -> None:
         self.triples: Counter[Triple] = Counter()
         self.places: set[StepInState] = set()
         self.acted: Counter[str] = Counter()
-        self.possible = len(State) * (1 + len(steps_of(machine))) * len(FAULTS)
+        self.kinds = tuple(kinds)
+        self.possible = len(State) * (1 + len(steps_of(machine))) * len(self.kinds)
 
     def add(self, triples: Iterable[Triple], places: Iterable[StepInState], acted: Mapping[str, int]) -> int:
         """Add a story; return the number of triples that no story had reached before."""
@@ -115,10 +116,10 @@ class Coverage:
     @property
     def share_of_reached(self) -> float:
         """Share of the triples that were reached, of those in the states and steps that any story has reached."""
-        return len(self.triples) / (len(self.places) * len(FAULTS)) if self.places else 0.0
+        return len(self.triples) / (len(self.places) * len(self.kinds)) if self.places else 0.0
 
     @property
     def never(self) -> tuple[str, ...]:
         """Kinds of fault and of action that never had an effect."""
-        kinds = (*FAULTS, *(deed.value for deed in Deed if deed is not Deed.FAULT))
+        kinds = (*self.kinds, *(deed.value for deed in Deed if deed is not Deed.FAULT))
         return tuple(kind for kind in kinds if not self.acted[kind])

@@ -61,7 +61,7 @@ def check_targets(story: RandomStory, menu: Menu) -> None:
     known = {Deed.COMMAND: menu.commands, Deed.JOG: menu.jogs, Deed.OVERRIDE: menu.outputs}
     for action in story.actions:
         if action.deed is Deed.FAULT:
-            names = tuple(f"{action.kind}:{each}" for each in menu.faults[action.kind])
+            names = tuple(f"{action.kind}:{each}" for each in menu.faults.get(action.kind, ()))
         else:
             names = known.get(action.deed, (action.target,))
         if action.target not in names:
@@ -73,8 +73,9 @@ def menu_of(machine: Transplanter, plant: Plant) -> Menu:
     unwired = plant.sensors.keys() - {*plant.wired}
     names = [command.name for command in machine.tags.commands]
     jogs = tuple(name for name in names if name.startswith("jog_") and name != "jog_release")
+    faults = {name: tuple(part for part in kind.parts(plant) if part not in unwired) for name, kind in FAULTS.items()}
     return Menu(
-        {name: tuple(part for part in kind.parts(plant) if part not in unwired) for name, kind in FAULTS.items()},
+        {name: targets for name, targets in faults.items() if targets},
         tuple(name for name in names if name not in jogs),
         jogs,
         tuple(point.tag for point in machine.io_map.outputs if "." in point.tag),

@@ -6,7 +6,6 @@ import random
 from typing import Final
 
 from controller.program.machine import Transplanter
-from plant_sim.faults import FAULTS
 from plant_sim.stories.drawn.action import RandomStory, StoryAction
 from plant_sim.stories.drawn.coverage import Coverage, StepInState, Triple
 from plant_sim.stories.drawn.draw import LASTS_MS, Menu, StoryDraw
@@ -35,7 +34,7 @@ class StoryGuide:
             seed: Seed of all stories.
             directed: False to draw every action uniformly, without regard to the coverage.
         """
-        self.coverage = Coverage(machine)
+        self.coverage = Coverage(machine, menu.faults)
         self._menu, self._seed, self._directed = menu, seed, directed
         self._parents: dict[StepInState, tuple[RandomStory, int]] = {}
         self._kinds: dict[StepInState, set[str]] = {}
@@ -64,7 +63,7 @@ class StoryGuide:
         chosen = [draws.choice(places) for _ in range(CANDIDATES)]
         place = min(chosen, key=lambda each: len(self._kinds.get(each, ())))
         parent, at_ms = self._parents[place]
-        open_kinds = [kind for kind in FAULTS if Triple(place, kind) not in self.coverage.triples]
+        open_kinds = [kind for kind in self.coverage.kinds if Triple(place, kind) not in self.coverage.triples]
         draws.shuffle(open_kinds)
         strikes_ms = (at_ms - LEAD_MS) // 10 * 10
         faults = [draw.fault(strikes_ms, kind) for kind in open_kinds[:AIMED_FAULTS]]

@@ -13,7 +13,7 @@ import pytest
 
 from controller.cli.main import main
 from controller.cli.prove import prove_command
-from controller.core.expr import Bit, evaluate
+from controller.core.expr import Bit, Word, evaluate
 from controller.core.rungs import Out, written_devices
 from controller.core.specification import ComputedProperty, Invariant, Limit, Requirement, WayOut
 from controller.program.machine import build
@@ -109,6 +109,19 @@ def test_a_machine_with_a_reset_button_is_proved() -> None:
     """The optional button is one of the buttons that are off in a way out."""
     goals = {"a press that may reset is one of the reset button", "reset: from Stopped to Resetting"}
     report = prove(specification(build(wired("reset"))), clock=seconds, only=goals)
+    assert {row.name for row in report.rows if row.result is Result.PROVED} >= goals
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(COMPLETE_PROOF_S + 100)
+@pytest.mark.parametrize("points", [("guard",), ("horn",), ("guard", "horn")], ids=" and ".join)
+def test_a_machine_with_guard_and_start_warning_is_proved(points: tuple[str, ...]) -> None:
+    """Requirements and invariants hold with the optional points wired, and orders lead to homing and work."""
+    demands = specification(build(wired(*points)))
+    work = ("reset", "start", "unhold", "mode", "emergency stop")
+    goals = {each.name for each in demands.requirements} | {each.name for each in demands.invariants}
+    goals |= {way.name for way in demands.ways_out if way.name.startswith(work)}
+    report = prove(demands, clock=seconds, only=goals)
     assert {row.name for row in report.rows if row.result is Result.PROVED} >= goals
 
 
@@ -241,7 +254,7 @@ def test_monitors_write_no_device_of_the_program() -> None:
     written = {device for rung in SOUND.monitors.rungs() for device in written_devices(rung)}
     assert {*SOUND.remembered} <= written
     assert written.isdisjoint(MACHINE.program.devices())
-    assert all(isinstance(device, Bit) and device.kind in "MT" for device in written)
+    assert all(isinstance(device, Bit | Word) and device.kind in "MTD" for device in written)
 
 
 @pytest.mark.nightly

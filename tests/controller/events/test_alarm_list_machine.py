@@ -126,7 +126,7 @@ def test_only_warnings_can_be_shelved() -> None:
     }
     assert shelved.isdisjoint(refused)
     safety = {key for key, reason in refused.items() if "safety" in reason}
-    assert safety == {"emergency_stop", "link_lost", "scan_fault", "store_fault", "outputs_taken"}
+    assert safety == {"emergency_stop", "link_lost", "scan_fault", "store_fault", "outputs_taken", "guard_open"}
 
 
 def test_the_causes_of_all_alarms_can_be_evaluated() -> None:

@@ -107,6 +107,13 @@ def test_optional_points_are_listed_and_only_the_amber_lamp_is_wired(io_map: IoM
         "air_pressure_ok": "X27",
         "magazine_empty": "X30",
         "ground_pulse": "X31",
+        "left.claw_pressure": "X32",
+        "right.claw_pressure": "X33",
+        "left.seedling_beam": "X34",
+        "right.seedling_beam": "X35",
+        "left.cup_filled": "X36",
+        "right.cup_filled": "X37",
+        "guard": "X40",
         "horn": "Y22",
         "lamp_red": "Y23",
         "lamp_amber": "Y24",
@@ -137,9 +144,9 @@ def test_points_are_accessible_by_tag(io_map: IoMap) -> None:
     assert io_map.get("stop") is io_map["stop"]
 
 
-def test_only_the_two_stops_are_normally_closed_and_assumed_pressed(io_map: IoMap) -> None:
+def test_only_stops_and_guard_are_normally_closed_and_assumed_active(io_map: IoMap) -> None:
     points = (*io_map.inputs, *io_map.outputs, *io_map.unwired)
-    stops = {"stop", "emergency_stop"}
+    stops = {"stop", "emergency_stop", "guard"}
     assert {point.tag for point in points if point.inverted} == stops
     assert {point.tag for point in points if point.safe} == stops
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from controller.hmi.access.tag_list import tags
-from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import Transplanter, build
+from tests.wiring import YIELD, wired
 
 LIST: Final = Path(__file__).with_name("permanent_numbers.csv")
 
@@ -52,7 +52,7 @@ def entries_of(machine: Transplanter) -> list[Entry]:
 def append_new(path: Path = LIST) -> None:
     """Append the program entries that are missing from the list; existing lines are not changed."""
     listed = {(entry.kind, entry.name) for entry in read_list(path)} if path.exists() else set()
-    new = [entry for entry in entries_of(build(load_io_map(DEFAULT_IO_MAP))) if entry[:2] not in listed]
+    new = [entry for entry in entries_of(build(wired(*YIELD))) if entry[:2] not in listed]
     with path.open("a", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         if not listed:

@@ -12,7 +12,6 @@ import pytest
 from controller.common.declarations import DeclarationError
 from controller.core.sequence import Step
 from controller.events.alarm_states import AlarmState
-from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.alarms.guide import likely_causes
 from controller.program.alarms.table import Alarm
 from controller.program.machine import build
@@ -26,8 +25,9 @@ from controller.program.texts.isolation import ISOLATE_FIRST, ISOLATION
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 from controller.program.texts.operator import Text
 from tests.paths import DOCS
+from tests.wiring import YIELD, wired
 
-MACHINE = build(load_io_map(DEFAULT_IO_MAP))
+MACHINE = build(wired(*YIELD))
 MOVES = [
     (MACHINE.alarms.of(step.watch.alarm.number), step)
     for sequence in MACHINE.program.sequences()

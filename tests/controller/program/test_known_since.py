@@ -7,6 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from controller.common.declarations import DeclarationError
+from controller.common.modbus.io_map import IoMap
 from controller.core.expr import Expr
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.known_since import Belief, End, beliefs
@@ -18,6 +19,7 @@ from plant_sim.twin.recovery import clear, press_emergency_stop
 from tests.controller.program.modes.hands import change_mode
 from tests.plant_sim.twin.routes import BRISK
 from tests.plant_sim.twin.twin_rig import ALARM, switched_on, tags_of, until_step
+from tests.wiring import wired
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))
 TABLE = beliefs(MACHINE.tags)
@@ -26,7 +28,7 @@ MOVING = {CLAMPED, "place of lift, slide and belt"}
 CONSTANTS = "machine constants that differ from their defaults"
 SLIDE_LEAST = next(value for word, value in MACHINE.program.set_points if word == MACHINE.tags.sp.slide_least) - 1
 """Least travel time of the slide that differs from its default, x10 ms."""
-IN_STOPPED = {End.ABORTED, End.POWER_UP, End.MEMORY_LOST, End.MANUAL}
+IN_STOPPED = {End.ABORTED, End.POWER_UP, End.MEMORY_LOST, End.MANUAL, End.GUARD}
 
 
 def holds(twin: Twin, condition: Expr) -> bool:
@@ -34,10 +36,10 @@ def holds(twin: Twin, condition: Expr) -> bool:
     return twin.runs_until(condition, for_ms=10)
 
 
-def at_work(belief: Belief) -> Twin:
+def at_work(belief: Belief, io_map: IoMap | None = None) -> Twin:
     """Return a machine at work that knows everything, with arms at home, or with claws that close on a row."""
     differing = {"slide_least": SLIDE_LEAST} if belief.name == CONSTANTS else {}
-    twin = switched_on({"trays_target": 2, **differing}, trays=2, parameters=BRISK)
+    twin = switched_on({"trays_target": 2, **differing}, trays=2, parameters=BRISK, io_map=io_map)
     twin.home()
     twin.start()
     for side in ("left", "right"):
@@ -48,9 +50,9 @@ def at_work(belief: Belief) -> Twin:
     return twin
 
 
-def at_rest(belief: Belief) -> Twin:
+def at_rest(belief: Belief, io_map: IoMap | None = None) -> Twin:
     """Return the same machine stopped at the end of its cycle; claws that close are stopped where they are."""
-    twin = at_work(belief)
+    twin = at_work(belief, io_map)
     if belief.name != CLAMPED:
         twin.press("stop")
         twin.run_until_state(State.STOPPED, within_ms=30_000)
@@ -88,12 +90,29 @@ def raise_cup_alarm(twin: Twin) -> None:
     assert set(twin.alarms()) & {"cups_implausible", "cups_fast"}
 
 
+def open_guard(twin: Twin) -> None:
+    twin.plant.box.guard = True
+    twin.run_for(300)
+    twin.plant.box.guard = False
+    twin.run_for(300)
+
+
+def take_the_tray_and_put_it_back(twin: Twin) -> None:
+    twin.plant.conveyor.push(-0.030)
+    twin.run_until_state(State.HELD, within_ms=30_000)
+    assert "tray_lost" in twin.alarms()
+    twin.plant.conveyor.push(0.030)
+    twin.run_for(300)
+
+
 EVENTS: dict[End, Callable[[Twin], None]] = {
     End.ABORTED: abort,
     End.MANUAL: to_manual,
     End.POWER_UP: lose_power,
     End.MEMORY_LOST: lose_memory,
     End.CUP_ALARM: raise_cup_alarm,
+    End.GUARD: open_guard,
+    End.TRAY_LOST: take_the_tray_and_put_it_back,
 }
 
 
@@ -103,11 +122,13 @@ EVENTS: dict[End, Callable[[Twin], None]] = {
         pytest.param(belief, end, id=f"{belief.name}, {end}")
         for belief in TABLE
         for end in End
-        if end is not End.CUP_ALARM or belief.name not in MOVING  # the arms move until the alarm holds the machine
+        if end not in {End.CUP_ALARM, End.TRAY_LOST}
+        or belief.name not in MOVING  # the arms move until the alarm holds the machine
     ],
 )
 def test_an_event_ends_the_beliefs_of_its_column_only(belief: Belief, end: End) -> None:
-    twin = at_rest(belief) if end in IN_STOPPED else at_work(belief)
+    io_map = wired("guard") if end is End.GUARD else None
+    twin = at_rest(belief, io_map) if end in IN_STOPPED else at_work(belief, io_map)
     assert holds(twin, belief.known), "known before"
     EVENTS[end](twin)
     assert holds(twin, belief.known) == (end in belief.kept), twin.situation()

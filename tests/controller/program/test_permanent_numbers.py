@@ -13,9 +13,10 @@ from controller.program.alarms.table import ARM_ALARM_NUMBERS, Annunciators, Sev
 from controller.program.machine import build
 from controller.program.tags import Tags
 from tests.controller.program.permanent_numbers import LIST, Entry, append_new, entries_of, read_list
+from tests.wiring import YIELD, wired
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
-MACHINE = build(IO_MAP)
+MACHINE = build(wired(*YIELD))
 WARNINGS_FROM = 990
 
 
@@ -88,7 +89,7 @@ def test_first_out_prefers_the_more_severe_alarm() -> None:
     (block,) = (block for block in MACHINE.program.blocks if block.title == "alarms")
     values = [rung.source for rung in block.rungs() if isinstance(rung, Mov) and rung.target == first_out]
     numbers = [value for value in values if value]
-    assert numbers == [alarm.bit.number for alarm in MACHINE.alarms.by_severity() if alarm.stops_work]
+    assert numbers == [alarm.bit.number for alarm in MACHINE.alarms.by_severity() if alarm.stops_work and alarm.wired]
 
 
 def test_every_alarm_is_first_out_under_its_own_number_and_replaces_no_other() -> None:

@@ -14,6 +14,7 @@ import pytest
 from controller.core.devices import Memory
 from controller.core.expr import Bit, Expr, Word, any_of, evaluate, leaves
 from controller.core.scan import Plc
+from controller.program.machine import build
 from controller.program.operator.commands import Command
 from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import MOVING, RUNNING, Mode, State
@@ -22,6 +23,7 @@ from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS
 from tests.controller.core.core_rig import copied
 from tests.controller.program.interlock_scene import MACHINE, TAGS
 from tests.sampling import first_of
+from tests.wiring import wired
 
 CONTROL = TAGS.machine
 PLC = Plc(MACHINE.program, input_filter_ms=0)
@@ -210,5 +212,6 @@ def test_every_refusal_text_contains_the_command_and_the_reason(command: Command
 
 
 def test_every_reason_is_used() -> None:
-    reasons = {obstacle.reason for c in TAGS.commands for obstacle in MACHINE.orders.obstacles(c.bit)}
+    guarded = build(wired("guard")).orders
+    reasons = {obstacle.reason for c in TAGS.commands for obstacle in guarded.obstacles(c.bit)}
     assert reasons | {Refusal.RELEASED_EARLY} == {*Refusal}

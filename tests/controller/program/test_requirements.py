@@ -8,6 +8,7 @@ import pytest
 
 from controller.core.devices import INITIAL_PULSE, Memory
 from controller.core.expr import Bit, Expr, Not, evaluate
+from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
 from controller.program.operator.commands import ARM_OUTPUTS, JOGGED
 from controller.program.operator.next_press import NextPress
 from controller.program.requirements.safety import Safety
@@ -15,7 +16,7 @@ from controller.program.states import State
 from controller.program.tags import FULL, IN_PLACE, MOVING_OUT, ROWS, SIDES, TAKEN, Side
 from tests.controller.verify.proof_rig import MACHINE, SOUND, TAGS
 
-SAFETY = Safety(TAGS, MACHINE.alarms)
+SAFETY = Safety(MACHINE)
 APPROACH = next(step.watch for bit, step in MACHINE.cycles["left"] if step.title == "approach row" and step.watch)
 REQUIREMENTS = {each.name: each.never for each in SOUND.requirements}
 PLACE_OF = {
@@ -41,10 +42,7 @@ class Case(NamedTuple):
 
 OF_AN_ARM: dict[str, list[Case]] = {
     "never both coils of one valve or motor": [
-        Case("slide_inward with slide_outward", "slide_inward slide_outward", "slide_outward"),
-        Case("lift_extend with lift_retract", "lift_extend lift_retract", "lift_extend"),
-        Case("spread with converge", "spread converge", "converge"),
-        Case("claws_open with claws_close", "claws_open claws_close", "claws_open"),
+        Case(f"{one} with {two}", f"{one} {two}", one) for one, two in (SLIDE, LIFT, BELT, CLAWS)
     ],
     "inward only down, open, converged, over a tray in place": [
         Case("inward, not down", "slide_inward lift_up", "lift_down"),
@@ -127,6 +125,10 @@ OF_AN_ARM: dict[str, list[Case]] = {
     "a jammed actuator is driven only in manual mode": [
         Case("coil on during a fault", "fault claws_open", "fault"),
         Case("coil on during a fault", "fault claws_open", "manual"),
+    ],
+    "each release is one cycle, and no row changes without a reason": [
+        Case("a release not counted once", "miscounted", "miscounted"),
+        Case("a row changed without its reason", "row_changed", "row_changed"),
     ],
     "an arm out of service is never driven, in no mode": [
         *(
@@ -290,6 +292,7 @@ def arm_facts(side: Side) -> dict[str, Expr]:
         "claws_converged": arm.sensed_converged,
         "out_of_service": arm.out_of_service,
         "fault": next(iter(MACHINE.alarms.of_side(side))),
+        **{name: getattr(own.counts, name) for name in ("miscounted", "row_changed")},
         **{
             name: getattr(own, name)
             for name in ("open", "gripped", "holds", "unmoved", "released", "discarded", "arrived")

@@ -246,6 +246,23 @@ MUTATIONS: dict[str, tuple[Change, str]] = {
         "left: up, claws neither open nor clamped",
     ),
     "alarms stop no arm": (dropped(Out, ARM.fault), "left: coil on during a fault"),
+    "a row is released without a cup edge": (
+        driven(Out, ARM.release_edge, TRUE, ARM.cup),
+        "left: the release delay of a load starts only after a cup",
+    ),
+    "a row that is put back is counted": (
+        driven(Out, ARM.thrown, TRUE, ~ARM.row_in_progress),
+        "left: a release not counted once",
+    ),
+    "no row is counted": (driven(Out, ARM.thrown, FALSE), "left: a release not counted once"),
+    "the rows of a tray are full before it has arrived": (
+        driven(Mov, ARM.rows[1], MACHINE.feeder["creep"], block="tray memory"),
+        "left: a row changed without its reason",
+    ),
+    "another order states that a row is empty": (
+        driven(Mov, ARM.rows[1], TAGS.commands.count_reset, TAGS.commands.row_empty["left"][1], "tray conditions"),
+        "left: a row changed without its reason",
+    ),
     "the lift always counts as down": (driven(Out, ARM.down, TRUE, ARM.sensed_down), "left: inward, not down"),
 }
 """Rung mutations, each with a goal that it violates."""
@@ -257,6 +274,9 @@ SELECTED_MUTATIONS = (
     "confirmations are accepted while the arm moves",
     "homing starts without a request",
     "a closed X24 clears an emergency stop",
+    "a row is released without a cup edge",
+    "a row that is put back is counted",
+    "another order states that a row is empty",
 )
 UNDETECTED: dict[str, Change] = {
     "the jog lease does not run": dropped(OnDelay, CONTROL.t_jog_lease),

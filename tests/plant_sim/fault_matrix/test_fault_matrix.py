@@ -48,6 +48,7 @@ from plant_sim.machine.plant import Plant
 from plant_sim.twin.monitors import MONITORS
 from tests.paths import DOCS, ROOT
 from tests.sampling import first_of
+from tests.wiring import YIELD, wired
 
 PAGE = DOCS / "fault-matrix.md"
 ONE_TRAY = MatrixSetup(trays=1)
@@ -110,8 +111,8 @@ def test_a_fault_set_before_the_run_has_one_case_per_target() -> None:
 
 @cache
 def alarm_keys() -> frozenset[str]:
-    """Return the keys of all alarms of the program."""
-    return frozenset(alarm.key for alarm in build(load_io_map(DEFAULT_IO_MAP)).alarms)
+    """Return the keys of all alarms of the program, with the yield inputs wired."""
+    return frozenset(alarm.key for alarm in build(wired(*YIELD)).alarms)
 
 
 @pytest.mark.parametrize("subject", ALL, ids=str)
@@ -124,7 +125,9 @@ def test_an_expectation_names_existing_alarms_and_monitors_and_a_reason(subject:
 
 
 def test_every_expectation_belongs_to_a_possible_case() -> None:
-    parts = {(subject.kind, subject.part) for subject in ALL}
+    plant = Plant(wired(*YIELD), load_machine(), seed=1, trays=1)
+    named = [f"{kind.name}:{tag}" for kind in FAULTS.values() for tag in YIELD if tag in kind.parts(plant)]
+    parts = {(subject.kind, subject.part) for subject in (*ALL, *subjects(plant, named))}
     assert {(kind, part) for kind, table in EXPECTED.items() for part in table if part != "*"} <= parts
 
 
@@ -155,7 +158,8 @@ SAMPLE: list[tuple[str, str, str]] = [
     ("missing_tray:magazine@20s..", "no tray", ""),
     ("missing_cells:tray_1=7", "", ""),
 ]
-"""A fault of every kind with its first signal and the arm of that signal; an undetected fault has an empty signal.
+"""A fault of every kind of the delivered machine with its first signal and the arm of that signal; an undetected fault
+has an empty signal.
 
 A leaking lift is pressed up while the slide moves out, and sinks while its coil is off and the claws spread at feed."""
 OF_THE_TRAYS = ("stalled_stepper", "skewed_tray", "missing_tray")
@@ -163,7 +167,9 @@ OF_THE_TRAYS = ("stalled_stepper", "skewed_tray", "missing_tray")
 
 
 def test_the_sample_has_every_kind() -> None:
-    assert [text.partition(":")[0] for text, _, _ in SAMPLE] == list(FAULTS)
+    delivered = {subject.kind for subject in ALL}
+    assert [text.partition(":")[0] for text, _, _ in SAMPLE] == [kind for kind in FAULTS if kind in delivered]
+    assert {*FAULTS} - delivered == {"wrong_readings"}  # of the yield inputs
 
 
 @pytest.mark.parametrize(("text", "name", "side"), SAMPLE, ids=[text.partition("@")[0] for text, _, _ in SAMPLE])
@@ -331,7 +337,7 @@ def test_a_csv_line_equals_the_record() -> None:
 
 def test_the_page_has_every_row_and_every_note() -> None:
     """The generated table on the page contains a row for every current fault, and every note."""
-    page = PAGE.read_text(encoding="utf-8").partition("## Other sizes")[0].splitlines()
+    page = PAGE.read_text(encoding="utf-8").partition("## With the yield inputs")[0].splitlines()
     rows = [line.split(" | ")[0].removeprefix("| ") for line in page if line.startswith("| `")]
     assert rows == [f"`{subject}`" for subject in ALL]
     notes = [f"- `{subject}`: {expectation(subject).note}" for subject in ALL if expectation(subject).note]

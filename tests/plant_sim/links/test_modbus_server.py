@@ -135,7 +135,7 @@ def test_reads_up_to_the_limits(client: Client, function_code: int, first: int, 
 @pytest.mark.parametrize(
     ("function_code", "first", "count"),
     [
-        *[(1, 0, 19), (1, 18, 1), (1, 99, 1), (1, 99, 2), (1, 100, 5), (1, 104, 1), (1, 17, 84), (1, 0, 2_000)],
+        *[(1, 0, 19), (1, 18, 1), (1, 99, 1), (1, 99, 2), (1, 100, 6), (1, 105, 1), (1, 17, 84), (1, 0, 2_000)],
         *[(2, 0, 23), (2, 22, 1), (2, 21, 2), (2, 65_535, 1), (2, 65_535, 2_000)],
         *[(4, 0, TELEMETRY_REGISTERS + 1), (4, TELEMETRY_REGISTERS, 1), (4, 65_535, 125)],
     ],
@@ -197,7 +197,7 @@ def test_quantity_1968_is_limited_by_the_address_only(client: Client) -> None:
     [
         write_coil_pdu(18, 0xFF00),
         write_coil_pdu(99, 0xFF00),
-        write_coil_pdu(104, 0xFF00),
+        write_coil_pdu(105, 0xFF00),
         write_coils_pdu(0, "1" * 19),
         write_coils_pdu(17, "11"),
         write_coils_pdu(99, "11"),

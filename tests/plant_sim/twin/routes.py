@@ -14,6 +14,7 @@ from typing import NamedTuple
 import pytest
 from _pytest.mark import ParameterSet
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.sequence import Step
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
@@ -128,9 +129,10 @@ class Route:
     discards: bool = False
     loosens: bool = False
 
-    def travel(self, stop: Stop) -> Twin:
+    def travel(self, stop: Stop, io_map: IoMap | None = None) -> Twin:
         """Return a machine in the step, in the scan that activated it."""
-        twin = switched_on({"trays_target": self.trays} | self.set_points, trays=self.trays, parameters=BRISK)
+        set_points = {"trays_target": self.trays} | self.set_points
+        twin = switched_on(set_points, trays=self.trays, parameters=BRISK, io_map=io_map)
         (self.lead or run_row_1)(twin, stop.side or "left")
         if not twin.in_step(stop.sequence, stop.title):
             until_step(twin, stop.sequence, stop.title, within_ms=60_000)

@@ -16,6 +16,7 @@ from plant_sim.scenario.run import run_scenario
 from plant_sim.twin import monitors
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.monitors import CREEP_M, Monitor, SafetyRule, UnsafeError, centre_from_m, collect_violations, guard
+from tests.wiring import wired
 
 Manipulation = Callable[[Twin], None]
 
@@ -33,6 +34,12 @@ def both_coils_of_a_lift(twin: Twin) -> None:
 def a_coil_in_emergency_stop(twin: Twin) -> None:
     button = twin.io_map["emergency_stop"]
     twin.plc.memory.X[button.number] = button.level(True)
+    switch_on(twin, "left.spread")
+
+
+def a_coil_with_the_guard_open(twin: Twin) -> None:
+    contact = twin.io_map["guard"]
+    twin.plc.memory.X[contact.number] = contact.level(True)
     switch_on(twin, "left.spread")
 
 
@@ -94,6 +101,7 @@ class Check:
 VIOLATIONS: list[tuple[Monitor, list[Manipulation]]] = [
     (monitors.opposite_coils, [both_coils_of_a_lift]),
     (monitors.dead_in_emergency_stop, [a_coil_in_emergency_stop]),
+    (monitors.dead_with_the_guard_open, [a_coil_with_the_guard_open]),
     (monitors.gentle_inward, [half_way_up, further_inward]),
     (monitors.gentle_inward, [closed, further_inward]),
     (monitors.gentle_inward, [spread, further_inward]),
@@ -115,7 +123,7 @@ def test_each_monitor_reports_only_its_violation(
     monitor: Monitor, manipulations: list[Manipulation], *, step_by_step: bool
 ) -> None:
     """In machine code as well as by interpretation."""
-    twin = Twin(trays=1, step_by_step=step_by_step)
+    twin = Twin(trays=1, step_by_step=step_by_step, io_map=wired("guard"))
     checks = {each: Check(twin, each) for each in monitors.MONITORS}
     twin.scan()
     for manipulate in manipulations:

@@ -98,6 +98,7 @@ _SET_POINTS: Final = {
         "cup_time_longest": Text("Longest time from cup to cup with a release", "允许投苗的苗杯最长间隔时间"),
         "ground_pulses_least": Text("Least ground pulses from cup to cup", "相邻苗杯间最少地轮脉冲数"),
         "ground_pulses_most": Text("Most ground pulses from cup to cup", "相邻苗杯间最多地轮脉冲数"),
+        "missing_most": Text("Largest number of seedlings missing in a row", "一行允许的最多缺苗数"),
         "no_tray": Text("Tray timeout at creep speed until Suspended", "无苗盘爬行超时（之后暂挂）"),
         "release_lead": Text("Release ahead of the cup", "投苗提前时间"),
     }.items()

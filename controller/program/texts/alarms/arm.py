@@ -100,5 +100,32 @@ ARM_ALARMS: Final = {
         ),
         comment="{side} claws: spread and converged at once, or too early",
     ),
+    "row short": AlarmText(
+        Text("{side} row: too many seedlings missing", "{side}行：缺苗过多"),
+        Text(
+            "More seedlings of a row are missing than permitted, in the claws or in the cups behind them. The arms "
+            "complete their stroke, and the machine is held.",
+            "夹爪中或其后方苗杯中，一行缺苗超过允许数。两臂完成当前行程后机器保持。",
+        ),
+        (
+            "row not picked",
+            "claw valve",
+            "seedlings beside the cups",
+            "yield sensor",
+        ),
+    ),
+    "claw pressure": AlarmText(
+        Text("{side} claws closed without pressure", "{side}夹爪闭合但无气压"),
+        Text(
+            "The claws are closed, and the air that presses them together has escaped. Seedlings may have been "
+            "dropped. The arms complete their stroke, and the machine is held.",
+            "夹爪已闭合，但闭合气压已失去，苗可能已掉落。两臂完成当前行程后机器保持。",
+        ),
+        (
+            "claw leak",
+            "claw valve",
+            "claw pressure switch",
+        ),
+    ),
 }
 """Texts by key of the alarm."""

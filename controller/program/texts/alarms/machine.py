@@ -19,6 +19,15 @@ MACHINE_ALARMS: Final = {
             "emergency wire",
         ),
     ),
+    "guard_open": AlarmText(
+        Text("Guard opened during motion", "运动中安全门被打开"),
+        Text(
+            "The guard was opened while the machine worked. All outputs went off, and the arms may have stopped in "
+            "mid-stroke. Nothing moves when it is closed.",
+            "机器工作时安全门被打开。所有输出已断开，机械臂可能停在行程中间。关门后不会自行动作。",
+        ),
+        ("guard", "guard wire"),
+    ),
     "link_lost": AlarmText(
         Text("Field link lost; outputs off", "现场通信中断，输出已切断"),
         Text(

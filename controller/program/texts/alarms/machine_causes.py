@@ -80,6 +80,40 @@ _CUP_CAUSES: Final = {
         ("cup_pulse",),
         both_sides=True,
     ),
+    "row not picked": Cause(
+        Text("Seedlings not gripped, cut or dropped on the way", "苗未夹住、被夹断或途中掉落"),
+        Text(
+            "Seedlings left in the tray, cut stems, plugs on the machine? Does the tray stand straight at its place?",
+            "苗盘内是否留有苗、苗茎是否夹断、机上是否有掉落的苗；苗盘是否正对到位",
+        ),
+        "tray",
+        Text("Isolate first. Claws, pads, tray guides", "先断电断气并上锁。检查夹爪、衬垫、苗盘导向"),
+    ),
+    "seedlings beside the cups": Cause(
+        Text("Seedlings thrown beside the cups", "苗投到苗杯外"),
+        Text(
+            "Plugs beside the cups? Are the claws over the cups when they open?",
+            "苗杯旁是否有苗；张开时夹爪是否对准苗杯",
+        ),
+        "cups",
+        points=("cup_pulse",),
+        set_points=("release_lead", "release_delay"),
+    ),
+    "yield sensor": Cause(
+        Text("Beam or cup sensor dirty, moved or failed", "光电开关或苗杯传感器脏污、移位或失效"),
+        Text(
+            "Seedlings in the claws, cups behind them filled? Lamp of the cup sensor: on at a filled cup, off between "
+            "two cups; lamp of the beam: changes with each stem",
+            "夹爪和其后方苗杯是否有苗；苗杯传感器指示灯应在有苗杯处亮、两杯之间灭，光电开关指示灯应随每株苗变化",
+        ),
+        "cups",
+        Text(
+            "Isolate first. Wipe the sensors; holder, wire, terminal",
+            "先断电断气并上锁。擦净传感器，检查支架、接线和端子",
+        ),
+        ("cup_filled", "seedling_beam"),
+        ("missing_most",),
+    ),
     "tractor fast": Cause(
         Text("Tractor too fast, or accelerated abruptly", "拖拉机过快或急加速"),
         Text(
@@ -127,6 +161,27 @@ _CABINET_CAUSES: Final = {
         "cabinet",
         Text("Isolate first. Contacts, wire and terminal of the button", "先断电断气并上锁。检查按钮触点、接线和端子"),
         ("emergency_stop",),
+    ),
+    "guard": Cause(
+        Text("Guard opened", "安全门被打开"),
+        Text(
+            "Nobody in the machine? Close the guard, then press X0 to home",
+            "确认机内无人；关上安全门，然后按 X0 回原点",
+        ),
+        "cabinet",
+        points=("guard",),
+    ),
+    "guard wire": Cause(
+        Text(
+            "Switch or wire of the guard, or its safety relay without power", "安全门开关或接线断开，或安全继电器无电"
+        ),
+        Text(
+            "Guard closed: the input must be on (normally closed). Lamps of the safety relay",
+            "安全门关闭时输入应接通（常闭）；安全继电器指示灯",
+        ),
+        "cabinet",
+        Text("Isolate first. Switch, wire and terminal of the guard", "先断电断气并上锁。检查安全门开关、接线和端子"),
+        ("guard",),
     ),
     "stop button": Cause(
         Text("Stop button held or jammed", "停止按钮被按住或卡住"),

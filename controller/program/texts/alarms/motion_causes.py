@@ -134,6 +134,29 @@ MOTION_CAUSES: Final = {
         _VALVE,
         _CLAW_COILS,
     ),
+    "claw leak": Cause(
+        Text("Claws lose air", "夹爪漏气"),
+        Text(
+            "Sound of escaping air with the claws closed; pressure of the claw regulator",
+            "夹爪闭合时有漏气声；夹爪减压阀压力",
+        ),
+        "claws",
+        Text(
+            "Isolate first. Hoses, fittings and grippers of this arm",
+            "先断电断气并上锁。检查该臂夹爪的气管、接头和气爪",
+        ),
+        ("claws_close", "claw_pressure"),
+    ),
+    "claw pressure switch": Cause(
+        Text("Pressure switch of the claws set wrongly or failed", "夹爪压力开关设定错误或失效"),
+        Text(
+            "Its display against the gauge of the claw regulator; lamp on with the claws closed, off with them open",
+            "对照夹爪减压阀压力表查看其显示；夹爪闭合时灯亮、张开时灯灭",
+        ),
+        "claws",
+        Text("Isolate first. Hose, wire and terminal of the switch", "先断电断气并上锁。检查开关的气管、接线和端子"),
+        ("claw_pressure",),
+    ),
     "claws blocked": Cause(
         Text("Output of the claws blocked or delayed", "夹爪输出被联锁或延迟"),
         Text(

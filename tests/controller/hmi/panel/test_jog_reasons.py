@@ -12,6 +12,7 @@ from controller.core.devices import Memory
 from controller.core.expr import Bit, Word, evaluate, leaves
 from controller.hmi.panel.orders.jog_reasons import foreseen_obstacle, jog_obstacle
 from controller.program.interlocks import Rule
+from controller.program.machine import build
 from controller.program.operator.commands import JOG_LEASE_MS, JOGGED
 from controller.program.states import Mode, State
 from controller.program.texts.interlocks import AT_END, RULES
@@ -22,6 +23,7 @@ from tests.controller.hmi.panel.test_jog import jog
 from tests.controller.program.interlock_scene import MACHINE
 from tests.plant_sim.twin.twin_rig import switched_on
 from tests.sampling import one_in
+from tests.wiring import wired
 
 AT_FEED = {
     "lift_extend": RULES["load down only when spread"],
@@ -44,7 +46,7 @@ def rules_of(output: str) -> list[Rule]:
 
 
 def test_every_rule_has_a_reason_in_both_languages() -> None:
-    names = {rule.name for rules in MACHINE.rule_groups.values() for rule in rules}
+    names = {rule.name for rules in build(wired("guard")).rule_groups.values() for rule in rules}
     assert names == set(RULES)
     for text in (*RULES.values(), AT_END):
         assert text.en.isascii()

@@ -140,7 +140,8 @@ def test_no_arm_starts_a_release_while_holding(left_late_until: str, step: str, 
     assert is_parked_loaded(twin, "right")
     assert outputs.of(f"right.{never}") == []
     beam.stuck = None
-    go_on(twin)
+    assert home_again(twin) == {"tray"}
+    twin.start()
     assert to_complete(twin) == undisturbed()
 
 
@@ -230,7 +231,8 @@ def test_a_lost_tray_is_an_alarm_after_half_a_second_and_a_flicker_is_not() -> N
     assert twin.alarms() == ["tray_lost"]
     assert all(is_parked_loaded(twin, side) for side in SIDES)
     beam.stuck = None
-    go_on(twin)
+    assert home_again(twin) == {"tray"}
+    twin.start()
     assert to_complete(twin) == undisturbed()
 
 

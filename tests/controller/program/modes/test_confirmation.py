@@ -35,7 +35,7 @@ DEFAULT = {"arms_may_meet": 0}
 REFUSED = ("reset", Refusal.CONSTANTS, NextPress.CONFIRM_CONSTANTS)
 IO_MAP = wired("reset", "lamp_amber", "air_pressure_ok")
 PROGRAM = program_of(IO_MAP)
-SAFETY = Safety(PROGRAM.tags, PROGRAM.alarms)
+SAFETY = Safety(PROGRAM)
 WATCHED = replace(PROGRAM, program=Specification(PROGRAM.program, SAFETY.monitors, (), (), ()).watched)
 
 

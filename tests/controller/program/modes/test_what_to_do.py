@@ -70,6 +70,8 @@ UNPROVED = {
     NextPress.RELEASE_NOW: "a release",
     NextPress.REMOVE_FAULT: "accepted once the fault is gone, which CLEAR then shows",
     NextPress.CONFIRM_CONSTANTS: "X25 is never refused",
+    NextPress.CLOSE_GUARD: "accepted once the guard is closed, which HOME then shows",
+    NextPress.STAND_CLEAR: "X24 is never refused during the warning",
     NextPress.LEAVE_ZERO_RETURN: "names no key",
     NextPress.ANSWER_COMMAND: "names no key",
     NextPress.NONE: "names no key",

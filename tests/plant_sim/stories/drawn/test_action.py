@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.common.errors import InputError
-from plant_sim.faults import FAULTS
 from plant_sim.stories.drawn.action import Deed, RandomStory, StoryAction, parse_story
 from plant_sim.stories.drawn.draw import StoryDraw
 from tests.plant_sim.stories.drawn.story_rig import menu
@@ -32,7 +31,7 @@ def test_every_kind_of_fault_and_action_is_drawn(*, swarm: bool) -> None:
     stories = [StoryDraw(menu(), str(number), swarm=swarm).story() for number in range(1_000)]
     actions = [action for story in stories for action in story.actions]
     assert {action.deed for action in actions} == {*Deed}
-    assert {action.kind for action in actions if action.deed is Deed.FAULT} == {*FAULTS}
+    assert {action.kind for action in actions if action.deed is Deed.FAULT} == {*menu().faults}
     sizes = {action.size for action in actions if action.kind == "late_sensor"}
     assert {0.001, 10.0} <= sizes
     assert {action.target for action in actions if action.deed is Deed.COMMAND} >= {*menu().commands}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from controller.program.states import State
-from plant_sim.faults import FAULTS
 from plant_sim.stories.drawn.coverage import NO_STEP, Coverage, StepInState, Triple, steps_of
 from plant_sim.stories.drawn.guide import StoryGuide
 from tests.plant_sim.stories.drawn.story_rig import MACHINE, menu, played, player
@@ -34,14 +33,14 @@ def test_a_fault_at_rest_covers_the_state_without_a_step() -> None:
 
 
 def test_shares_and_kinds_that_never_acted() -> None:
-    coverage = Coverage(MACHINE)
-    assert coverage.possible == len(State) * (1 + len(steps_of(MACHINE))) * len(FAULTS)
+    coverage = Coverage(MACHINE, menu().faults)
+    assert coverage.possible == len(State) * (1 + len(steps_of(MACHINE))) * len(menu().faults)
     assert coverage.share == coverage.share_of_reached == 0.0
     place, other = StepInState(State.EXECUTE, 20), StepInState(State.HOLDING, 20)
     assert coverage.add([Triple(place, "leak"), Triple(place, "jammed")], [place, other], {"leak": 1, "push": 0}) == 2
     assert coverage.add([Triple(place, "leak")], [place], {"tend": 3}) == 0
     assert coverage.share == 2 / coverage.possible
-    assert coverage.share_of_reached == 2 / (2 * len(FAULTS))
+    assert coverage.share_of_reached == 2 / (2 * len(menu().faults))
     assert "push" in coverage.never
     assert not {"leak", "tend"} & {*coverage.never}
 
