@@ -18,7 +18,7 @@ from controller.io.durability import MEANINGS, Durability, durability
 from controller.program.alarms.guide import likely_causes
 from controller.program.alarms.table import Alarm, Severity
 from controller.program.known_since import End, beliefs
-from controller.program.machine import Transplanter
+from controller.program.machine import Transplanter, build
 from controller.program.operator.refusals import Refusal
 from controller.program.requirements.proof import specification
 from controller.program.texts.alarms.help import Cause
@@ -250,16 +250,18 @@ def _durability(machine: Transplanter) -> str:
 
 def _free_devices(machine: Transplanter) -> str:
     numbers: dict[str, set[int]] = {}
-    for device in specification(machine).watched.devices():
-        numbers.setdefault(device.kind, set()).add(device.number)
+    for each in (machine, build(machine.io_map.all_wired())):
+        for device in (*specification(each).watched.devices(), *each.program.reserved):
+            numbers.setdefault(device.kind, set()).add(device.number)
     rows = [
         (_span(kind, within), use, ", ".join(_span(kind, span) for span in free_spans(within, numbers.get(kind, ()))))
         for kind, ranges in PROGRAM_RANGES.items()
         for within, use in ranges
     ]
     return (
-        "## Free numbers\n\nNeither the program nor the monitors of the proof use these devices. Numbers between two "
-        "devices of one owner are reserved for this owner (`Area`). A number of a removed alarm is not used again.\n\n"
+        "## Free numbers\n\nNeither the program, with whatever points wired, nor the monitors of the proof use these "
+        "devices. Numbers between two devices of one owner are reserved for this owner (`Area`). A number of a removed "
+        "alarm is not used again.\n\n"
         f"{reference_table(('range', 'kind', 'free'), *rows)}"
     )
 

@@ -47,6 +47,7 @@ class Program:
         output_words: Data registers that the runtime writes to the field I/O, besides Y.
         constants: Set-points that are written at each start and never retained, whatever their number.
         valid: Valid values of retentive words; every value of a word that is not listed is valid.
+        reserved: Devices of optional parts, which are not free although the program may lack them.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Program:
     output_words: tuple[Word, ...] = ()
     constants: tuple[Word, ...] = ()
     valid: Mapping[Word, Collection[int]] = field(default_factory=dict)
+    reserved: tuple[Bit, ...] = ()
 
     def __post_init__(self) -> None:
         self._check_coils()
@@ -142,7 +144,7 @@ class Program:
 
     def _in_use(self, device: Bit | Word | Timer, user: str) -> str:
         kind = "T" if isinstance(device, Timer) else device.kind
-        used = {each.number for each in self.devices() if each.kind == kind}
+        used = {each.number for each in (*self.devices(), *self.reserved) if each.kind == kind}
         free = next_free(kind, device.number, used)
         name, owner = f"{device} {device.name}".rstrip(), repr(user) if user else "an unnamed device"
         return f"{name}: already used by {owner}; next free number: {free}"

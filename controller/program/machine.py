@@ -136,6 +136,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         set_points=tuple(tags.sp.defaults),
         constants=tuple(tags.sp.constants),
         valid=_valid_values(tags),
+        reserved=tuple(alarms.reserved),
         output_words=() if tags.planting.planter_speed is None else (tags.planting.planter_speed,),
     )
     return Transplanter(

@@ -19,7 +19,7 @@ from controller.events.production import ProductionLog
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.program.machine import Transplanter
-from controller.program.operator.start_warning import WARNING_MS
+from controller.program.operator.start_warning import warning_ms
 from controller.program.states import State
 from plant_sim.faults import Fault
 from plant_sim.links.in_process import InProcessLink
@@ -354,12 +354,7 @@ class Twin(Watched):
         """Press X0 in Idle and wait for Execute."""
         self.run_for(200)
         self.press("start")
-        self.run_until_state(State.EXECUTE, within_ms=1_000 + self.warning_ms)
-
-    @property
-    def warning_ms(self) -> int:
-        """Duration of the start warning, ms; 0 without the horn."""
-        return WARNING_MS if self.machine.tags.warns else 0
+        self.run_until_state(State.EXECUTE, within_ms=1_000 + warning_ms(self.machine.tags))
 
     def active_steps(self) -> list[str]:
         """Return every active step as 'sequence: step'."""
@@ -394,10 +389,8 @@ class Twin(Watched):
 
     def situation(self) -> str:
         """Return the time, state, active steps, outputs and alarms as one line for error messages."""
-        return (
-            f"at {self.now_ms} ms {self.state.name}, steps {self.active_steps()}, "
-            f"outputs {sorted(self.outputs())}, alarms {self.alarms()}"
-        )
+        at = f"at {self.now_ms} ms {self.state.name}, steps {self.active_steps()}"
+        return f"{at}, outputs {sorted(self.outputs())}, alarms {self.alarms()}"
 
     def _release_buttons(self, now_ms: int) -> None:
         for button, until_ms in list(self._releases.items()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from controller.program.operator.start_warning import warning_ms
 from controller.program.states import State
 from controller.program.tags import FORGOTTEN, IN_PLACE, SIDES
 from plant_sim.crop.seedling import COLUMNS, Location
@@ -58,7 +59,7 @@ def begin_homing(twin: Twin) -> None:
     """
     twin.confirm_constants()  # executes a scan: a button already pressed at power-up is ignored
     twin.press("start")
-    twin.run_until_state(State.RESETTING, within_ms=50 + twin.warning_ms)
+    twin.run_until_state(State.RESETTING, within_ms=50 + warning_ms(twin.machine.tags))
 
 
 def home_again(twin: Twin) -> set[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -146,6 +146,18 @@ class IoMap:
 
     def __contains__(self, tag: object) -> bool:
         return tag in self._by_tag
+
+    def all_wired(self) -> IoMap:
+        """Return the map with all optional points and output registers wired."""
+        points = sorted((*self.inputs, *self.outputs, *self.unwired), key=lambda point: point.number)
+        return replace(
+            self,
+            inputs=tuple(replace(point, wired=True) for point in points if point.device == "X"),
+            outputs=tuple(replace(point, wired=True) for point in points if point.device == "Y"),
+            unwired=(),
+            registers=tuple(replace(each, wired=True) for each in (*self.registers, *self.unwired_registers)),
+            unwired_registers=(),
+        )
 
     def get(self, tag: str) -> Point | None:
         """Return the wired point with this tag, or None."""

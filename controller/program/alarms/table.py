@@ -162,6 +162,12 @@ class Annunciators:
         """Iterate over all alarms by S number."""
         return iter(sorted(self._table, key=lambda alarm: alarm.bit.number))
 
+    @property
+    def reserved(self) -> Iterator[Bit]:
+        """Annunciators of all alarms, including those of an arm whose points are not wired."""
+        yield from (alarm.bit for alarm in self._table)
+        yield from (Bit("S", number) for pair in ARM_ALARM_NUMBERS.values() for number in pair)
+
     def by_severity(self) -> list[Alarm]:
         """Return all alarms, the most severe first; alarms of equal severity are in order of S number."""
         return sorted(self._table, key=lambda alarm: alarm.rank)

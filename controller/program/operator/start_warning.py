@@ -24,6 +24,11 @@ LAPSE_MS: Final = 10_000
 """Time after the warning in which something must move, ms; otherwise a new order is required."""
 
 
+def warning_ms(tags: Tags) -> int:
+    """Return the duration of the start warning, ms; 0 without the horn."""
+    return WARNING_MS if tags.warns else 0
+
+
 def request_rungs(tags: Tags, orders: Orders) -> list[Rung]:
     """Return the rungs that turn accepted orders into requests, with the horn after the warning."""
     machine, commands = tags.machine, tags.commands

@@ -6,10 +6,17 @@ import re
 
 from controller.cli.docs import device_table
 from controller.core.devices import PROGRAM_RANGES, next_free
+from controller.program.machine import build
 from controller.program.requirements.proof import specification
 from tests.controller.verify.proof_rig import MACHINE
+from tests.wiring import DELIVERED, wired
 
-USED = {(device.kind, device.number) for device in specification(MACHINE).watched.devices()}
+USED = {
+    (device.kind, device.number)
+    for machine in (MACHINE, build(wired(*(point.tag for point in DELIVERED.unwired), "planter_speed")))
+    for device in specification(machine).watched.devices()
+}
+"""Devices of the delivered machine, and of one with all optional points wired."""
 
 
 def numbers(text: str) -> set[tuple[str, int]]:

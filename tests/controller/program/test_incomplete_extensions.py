@@ -24,7 +24,7 @@ ARM, ALARMS, TAGS, TRAY_TAGS, RULES = (
 COMMANDS, REFUSALS = (f"{PROGRAM}operator/{name}.py" for name in ("commands", "refusals"))
 STATES, SET_POINTS, SCHEMA = f"{PROGRAM}states.py", f"{PROGRAM}set_points.py", "controller/iomap/schema.py"
 TEXTS: Final = "controller/program/texts/"
-_ALARMS: Final = {alarm.bit.number for alarm in build(load_io_map(DEFAULT_IO_MAP)).alarms}
+_ALARMS: Final = {alarm.bit.number for alarm in build(load_io_map(DEFAULT_IO_MAP).all_wired()).alarms}
 FREE_ALARM: Final = next(number for number in range(972, 1000) if number not in _ALARMS)
 
 LIMIT: Final = (ARM, 'limit("approach row", SLIDE', 'limit("clamp tray", SLIDE')

@@ -15,6 +15,7 @@ from controller.core.expr import Bit, Word, any_of, leaves
 from controller.core.rungs import Annunciate, OnDelay, Out
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
+from controller.program.operator.start_warning import warning_ms
 from controller.program.states import MOVING, State
 from controller.program.tags import Tags
 from controller.program.texts.alarms.messages import ALARMS
@@ -286,7 +287,9 @@ def test_a_trial_with_every_optional_point_wired(all_wired: IoMap) -> None:
 def test_the_reset_button_homes_and_clears(all_wired: IoMap) -> None:
     twin = switched_on(io_map=all_wired)
     twin.press("reset")
-    assert twin.run_until_state(State.RESETTING, within_ms=150 + twin.warning_ms) > 100, "homes before the release"
+    assert twin.run_until_state(State.RESETTING, within_ms=150 + warning_ms(twin.machine.tags)) > 100, (
+        "homes before the release"
+    )
     twin.run_until_state(State.IDLE, within_ms=20_000)
     twin.press("reset")
     with pytest.raises(NotReachedError):
@@ -341,7 +344,7 @@ def test_an_empty_magazine_is_a_warning_and_work_continues(all_wired: IoMap) -> 
 def test_the_amber_lamp_blinks_once_a_second_while_homing(all_wired: IoMap) -> None:
     twin = switched_on(io_map=all_wired)
     twin.press("start")
-    twin.run_until_state(State.RESETTING, within_ms=50 + twin.warning_ms)
+    twin.run_until_state(State.RESETTING, within_ms=50 + warning_ms(twin.machine.tags))
     seen = []
     for _ in range(200):
         twin.scan()
