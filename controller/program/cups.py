@@ -69,11 +69,15 @@ def cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
 
     The edge that releases a row has the count 0; the twelfth edge after it may release the next row. Every edge,
     counted or not, restarts the pulse interval, so a flag that bounces is counted only once. While an alarm of the cups
-    is set, the count is invalid.
+    is set, the count is invalid. What raises such an alarm while rows are released makes it invalid at rest, too.
     """
     machine, sp = tags.machine, tags.sp
     waiting = steps["wait for cups"] | steps["wait to lower"]
-    invalid, lost = FIRST_SCAN | machine.cup_fault, tags.system.link_lost
+    implausible = machine.cups_implausible | a.counts_differ
+    if tags.planting.ground_sensor is not None:
+        implausible |= tags.planting.cups_differ
+    invalid = any_of(FIRST_SCAN, machine.cup_fault, implausible)
+    lost = tags.system.link_lost
     empty = a.cup_counter.done | (a.cups_confirmed & a.count_valid)
     return [
         Pulse(a.cup_edge, when=a.cup_sensor | lost),

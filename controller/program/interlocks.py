@@ -70,8 +70,9 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
     want = a.want
     clamping_place = (a.at_wanted_row & a.down) | a.at_feed
     jogged = machine.jogs[f"{side}.claws_open"]
+    throws = cycle["open claws"] & (cycle["release delay"] | a.coils["claws_open"])
     opening_place = any_of(
-        all_of(a.at_feed, a.down, a.is_spread, cycle["open claws"]),
+        all_of(a.at_feed, a.down, a.is_spread, throws),
         all_of(home["put back"], a.row_in_progress, a.down, ~a.at_feed, ~a.sensed_at_feed),
         all_of(home["open at feed"], a.at_feed, a.down, a.is_spread),
         all_of(jogged, a.row_in_progress, a.at_wanted_row, a.down),
@@ -162,7 +163,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ),
         (
             "release load only at cups or row",
-            "a load is released only over the cups or at its own row",
+            "a load is released only at its own row, or over the cups from the scan in which they are under it",
             ("claws_open",),
             ~a.loaded | opening_place,
         ),

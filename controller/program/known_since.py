@@ -23,6 +23,7 @@ class End(StrEnum):
     POWER_UP = "power-up"
     MEMORY_LOST = "memory lost, or of another run or version"
     CUP_ALARM = "alarm of the cup pulses"
+    CUPS_AT_REST = "implausible cup pulses at rest"
     GUARD = "guard opened"
     TRAY_LOST = "alarm of a lost tray"
 
@@ -115,7 +116,7 @@ def beliefs(tags: Tags) -> tuple[Belief, ...]:
         _belief(
             "cups under the claws",
             all_of(*(arm.count_valid for arm in arms)),
-            {End.POWER_UP: twelve, End.MEMORY_LOST: twelve, End.CUP_ALARM: twelve},
+            dict.fromkeys((End.POWER_UP, End.MEMORY_LOST, End.CUP_ALARM, End.CUPS_AT_REST), twelve),
             kept | dict.fromkeys((End.ABORTED, End.MANUAL, End.GUARD), "the count runs on"),
         ),
         _belief(

@@ -123,7 +123,7 @@ class MachineTags:
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
         self.t_stop = Timer(100, "stop closed", "time for which X24 is closed")
         self.cup_fault = m.bit("cup fault", "an alarm of the cup pulses is set; the cup counts are invalid")
-        cups_m, cups_d = Area("M", 374, 379, "cups"), Area("D", 170, 171, "cups")
+        cups_m, cups_d = Area("M", 374, 375, "cups"), Area("D", 170, 171, "cups")
         self.cups_fast = cups_m.bit("too fast", "a cup has passed faster than permitted, this scan")
         self.cups_implausible = cups_m.bit("implausible", "a cup pulse is too early or its gap too short, this scan")
         self.t_cups_slow = Timer(130, "cups slow", "the left cups pass more slowly than permitted")
@@ -230,9 +230,7 @@ class ArmTags:
             {name: m.bit(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES}
         )
         self.passed = m.bit("passed row", "the slide has reached or passed the next row since it left feed")
-        self.begins_rest = m.bit(
-            "comes to rest", "all coils of lift, slide and belt have been off for the rest time, this scan"
-        )
+        self.begins_rest = m.bit("comes to rest", "lift, slide and belt have been off for the rest time, this scan")
         self.rests_down = m.bit("rests down", "the lift was down when it came to rest")
         self.rests_up = m.bit("rests up", "the lift was up when it came to rest")
         self.rests_at_feed = m.bit("rests at feed", "the slide was at feed when it came to rest")
@@ -337,6 +335,7 @@ class ArmTags:
         self.t_raising = t100.timer("raising", "lift driven upwards")
         self.t_press_down = t100.timer("press down at feed", "upper chamber of the lift fills")
         self.lone_cups = Counter(2 + index, f"{side}.unmatched cups", "cups since the last cup of the other row")
+        self.counts_differ = Bit("M", 376 + index, f"{side}.counts differ", "counts cups that the other row does not")
         self._add_cup_times(index)
 
     def _add_cup_times(self, index: int) -> None:

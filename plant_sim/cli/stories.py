@@ -33,6 +33,8 @@ from plant_sim.stories.judge import Judge
 MOST_STORIES = 100_000
 FREED = {("jammed", "lift"): ("dropping_arm", "lift"), ("jammed", "slide"): ("stuck_valve", "slide")}
 """Faults with whose harm a jam may end that is freed under pressure: the device jumps (docs/stored-air.md)."""
+JUMP_INWARD = frozenset({"arm_through_tray", "one_in_the_centre", "arms_collide"})
+"""Harm of a slide that loses its air while it is driven inward: nothing throttles it, and it jumps past its row."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -143,9 +145,13 @@ def story_run(options: argparse.Namespace) -> StoryRun:
 
 def accepted_harm(action: StoryAction) -> AcceptedHarm:
     """Return the harm after an action that no program can prevent, as the tables of the fault matrix expect it."""
+    if action.deed is Deed.SPEED:
+        return _expected("jammed", "cups")
+    if action.deed is Deed.AIR:
+        low = _expected("low_supply", "supply")
+        return AcceptedHarm(low.kinds | JUMP_INWARD, low.loses)
     if action.deed is not Deed.FAULT:
-        like = {Deed.SPEED: ("jammed", "cups"), Deed.AIR: ("low_supply", "supply")}.get(action.deed)
-        return _expected(*like) if like is not None else AcceptedHarm(frozenset(), loses=False)
+        return AcceptedHarm(frozenset(), loses=False)
     kind = action.kind
     part = FAULTS[kind].target if FAULTS[kind].permanent else part_of(action.target.partition(":")[2])
     own, freed = _expected(kind, part, action.size), FREED.get((kind, part))

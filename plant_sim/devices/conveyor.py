@@ -225,6 +225,13 @@ class Conveyor(View, Saved):
         return {number: seat_m + self._known_m for number, seat_m in self._seats_m.items()}
 
     @property
+    def in_beam(self) -> list[int]:
+        """Numbers of the trays that interrupt the beam now; the corner of a skewed tray on its side leads or lags."""
+        state, length_m = self.state, self._spec.tray_length_m
+        past_m = {number: self.trays_m + float(state["seats_m"][seat]) for number, seat in self._seat_of.items()}
+        return [number for number, edge_m in past_m.items() if 0.0 <= edge_m < length_m]
+
+    @property
     def belt_m(self) -> float:
         """Belt travel, m, forward positive."""
         return float(self.state["belt_m"])
@@ -317,7 +324,7 @@ class Conveyor(View, Saved):
         """
         self._remove(number)
         self._is_taken_off = True
-        self.beam.detect(any(0.0 <= front_m < self._spec.tray_length_m for front_m in self.front_m.values()))
+        self.beam.detect(bool(self.in_beam))
 
     def push(self, way_m: float) -> None:
         """Push all trays with the belt by hand; the motor yields, and the drive does not notice.
@@ -329,8 +336,7 @@ class Conveyor(View, Saved):
         way_m = max(way_m, float(self.params["stop_m"]) - float(state["belt_m"]))
         for travel in ("asked_m", "belt_m", "trays_m"):
             state[travel] += way_m
-        fronts_m = (self.trays_m + seat_m for seat_m in self._seats_m.values())
-        self.beam.detect(any(0.0 <= front_m < self._spec.tray_length_m for front_m in fronts_m))
+        self.beam.detect(bool(self.in_beam))
 
     def _remove(self, number: int) -> None:
         del self._seats_m[number]

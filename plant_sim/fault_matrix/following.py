@@ -165,11 +165,10 @@ class _Follower:
             self._take_tray_off()
 
     def _take_tray_off(self) -> None:
-        """Take off the tray whose front edge or leading corner the sensor sees."""
-        conveyor, length_m = self._twin.plant.conveyor, self._twin.parameters.conveyor.tray_length_m
-        for number, front_m in [*conveyor.front_m.items()]:
-            if -conveyor.skewed_m.get(number, 0.0) <= front_m < length_m:
-                conveyor.take_off(number)
+        """Take off the tray that the sensor sees."""
+        conveyor = self._twin.plant.conveyor
+        for number in conveyor.in_beam:
+            conveyor.take_off(number)
 
     def answer_no_tray(self) -> None:
         """Have a tray fed."""

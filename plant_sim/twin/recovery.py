@@ -136,13 +136,8 @@ def _tray_in_place(twin: Twin) -> int | None:
     """Return the number of the tray from which the arms can pick, or None: it must be in the beam, and at its mark."""
     conveyor = twin.plant.conveyor
     number = conveyor.placed_tray
-    in_place = number is not None and _is_in_beam(twin, number) and abs(conveyor.offset_m(number)) <= MARK_M
+    in_place = number in conveyor.in_beam and abs(conveyor.offset_m(number)) <= MARK_M
     return number if in_place else None
-
-
-def _is_in_beam(twin: Twin, number: int) -> bool:
-    """Return True if a tray is between transmitter and receiver of the sensor, whatever the sensor reports."""
-    return 0.0 <= twin.plant.conveyor.front_m[number] < twin.parameters.conveyor.tray_length_m
 
 
 # manual actions

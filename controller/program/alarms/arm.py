@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from controller.core.expr import Bit, Timer, all_of, any_of
-from controller.core.rungs import Annunciate, Count, Rst, Rung, Set
+from controller.core.rungs import Annunciate, Count, Out, Rst, Rung, Set
 from controller.program.alarms.cups import LONE_CUPS
 from controller.program.alarms.limits import StepLimits
 from controller.program.alarms.table import Annunciators
@@ -69,12 +69,10 @@ def arm_rungs(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
         ),
         *_yield_rungs(tags, arm, alarms),
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=moves & arm.unbidden & ~arm.off_home),
-        Rst(arm.lone_cups, when=other.cup | ~counts),
+        Rst(arm.lone_cups, when=other.cup | machine.resetting),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup & ~other.cup),
-        Set(
-            alarms.cup_counts,
-            when=all_of((arm.lone_cups.done & ~arm.cup_sensor) | faster, counts, ~machine.manual),
-        ),
+        Out(arm.counts_differ, when=(arm.lone_cups.done & ~arm.cup_sensor) | faster),
+        Set(alarms.cup_counts, when=all_of(arm.counts_differ, counts, ~machine.manual)),
     ]
 
 

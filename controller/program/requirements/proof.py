@@ -286,7 +286,7 @@ def _of_arm(machine: Transplanter, side: Side, monitor: ArmMonitor) -> dict[str,
             cycle["release delay"], monitor.released | ~monitor.holds
         ),
         "in the cycle, loaded claws open only after a cup": _implies(
-            cycle["open claws"], monitor.released | ~monitor.holds
+            cycle["open claws"] & a.coils["claws_open"], monitor.released | ~monitor.holds
         ),
         "a load is discarded only by command": _implies(a.discard, monitor.discarded),
         "discard steps with a load follow a discard command": _implies(discarding, a.discard | ~a.loaded),

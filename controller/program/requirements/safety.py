@@ -39,7 +39,7 @@ class ArmMonitor:
         self.gripped = m.bit("gripped", "the claws have closed for their dwell time since they last opened, or unknown")
         self.holds = m.bit("holds", "the claws have closed at a row since they last opened, or unknown")
         self.unmoved = m.bit("unmoved", "the slide has not been driven since the claws closed at a row")
-        self.released = m.bit("released", "a cup for the load has been counted, and its release has begun at once")
+        self.released = m.bit("released", "a cup has been counted, its release has begun at once and goes on")
         self.discarded = m.bit("discarded", "the operator has discarded the load")
         self.arrived = m.bit("arrived", "a switch at or beyond the next row has been on since the slide left feed")
         self.in_centre = m.bit("in centre", "the arm may be inward of pick 2; it is not certainly at feed or at row 2")
@@ -58,7 +58,8 @@ class ArmMonitor:
         no = all_of(commands.loaded_no[self._side], ~yes, ~discard)
         certainly = self.positions.certainly
         over_row = ~certainly("feed")
-        releasing = self._cycle["release delay"] | self._cycle["open claws"]
+        # claws that are not opening by now would release the load later than its cups
+        releasing = self._cycle["release delay"] | (self._cycle["open claws"] & y["claws_open"])
         stated = any_of(self.discarded, discard, commands.loaded_no[self._side], tags.machine.manual)
         released = all_of(a.opened, self.released, self.holds, ~stated)
         return [

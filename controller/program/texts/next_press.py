@@ -28,7 +28,7 @@ _NEXT_PRESSES: Final = {
     10: _HOLD.filled(question=QUESTIONS["loaded"].of(SIDES["right"])),
     11: Text(
         "Isolate first to move a tray. Is it the same tray, not moved? Press X0 for 2 s: yes; otherwise put it right",
-        "先断电断气并上锁再移动苗盘。是否为原苗盘且未移动？按 X0 2 秒后松开：是；否则移回原位或取走",
+        "先断电断气并上锁再移动苗盘。原苗盘未移动？按 X0 2 秒后松开：是；否则移回原位或取走",
     ),
     12: Text(
         "Isolate first to remove the tray. Is it to be treated as full? Press X0 for 2 s: yes; otherwise remove it",

@@ -99,11 +99,15 @@ class Hands:
         return True
 
     def _answer(self) -> None:
-        """Answer truthfully; a tray of which the true answer is refused is taken off the belt."""
+        """Answer truthfully; take a tray off the belt if its true answer is refused, or if it is away from its mark.
+
+        The rear corner of a skewed tray may be in the beam when the next one has been pushed back.
+        """
         twin, refusals = self._twin, self._twin.machine.tags.machine.refusals
         before = twin.plc.read(refusals)
-        answer_truly(twin)
-        if "tray" in questions(twin) and twin.plc.read(refusals) != before:
+        asked = answer_truly(twin)
+        refused = "tray" in questions(twin) and twin.plc.read(refusals) != before
+        if refused or ("tray" in asked and twin.plant.conveyor.placed_tray is None):
             self._take_off()
 
     def _start(self) -> None:
@@ -244,8 +248,8 @@ class Hands:
         return self._take_off()
 
     def _take_off(self) -> bool:
-        conveyor, length_m = self._twin.plant.conveyor, self._twin.parameters.conveyor.tray_length_m
-        there = [number for number, front_m in conveyor.front_m.items() if 0.0 <= front_m < length_m]
+        conveyor = self._twin.plant.conveyor
+        there = conveyor.in_beam
         for number in there:
             conveyor.take_off(number)
         self.taken_off.update(there)

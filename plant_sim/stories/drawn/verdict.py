@@ -82,6 +82,7 @@ class KnownHarm(NamedTuple):
     Attributes:
         name: Name of the cause.
         cause: Kind of action, or kind of fault, that precedes the harm.
+        part: End of the target of this action; empty for any.
         kinds: Kinds of harm that it explains.
         reason: Reason why nothing tells it, and what would.
         replay: Text of a story that shows it.
@@ -89,6 +90,7 @@ class KnownHarm(NamedTuple):
 
     name: str
     cause: str
+    part: str
     kinds: frozenset[str]
     reason: str
     replay: str
@@ -164,9 +166,13 @@ class StoryJudge:
 
     def _excuses(self, action: StoryAction) -> bool:
         accepted = self._accepts(action)
-        known = any(each.cause == action.kind for each in self._known)
+        known = any(_is_cause(each, action) for each in self._known)
         return bool(accepted.kinds) or accepted.loses or known
 
 
 def _explains(known: KnownHarm, harm: Harm) -> bool:
-    return harm.kinds.keys() <= known.kinds and any(action.kind == known.cause for action in harm.acted)
+    return harm.kinds.keys() <= known.kinds and any(_is_cause(known, action) for action in harm.acted)
+
+
+def _is_cause(known: KnownHarm, action: StoryAction) -> bool:
+    return action.kind == known.cause and action.target.endswith(known.part)

@@ -28,7 +28,7 @@ MOVING = {CLAMPED, "place of lift, slide and belt"}
 CONSTANTS = "machine constants that differ from their defaults"
 SLIDE_LEAST = next(value for word, value in MACHINE.program.set_points if word == MACHINE.tags.sp.slide_least) - 1
 """Least travel time of the slide that differs from its default, x10 ms."""
-IN_STOPPED = {End.ABORTED, End.POWER_UP, End.MEMORY_LOST, End.MANUAL, End.GUARD}
+IN_STOPPED = {End.ABORTED, End.POWER_UP, End.MEMORY_LOST, End.MANUAL, End.GUARD, End.CUPS_AT_REST}
 
 
 def holds(twin: Twin, condition: Expr) -> bool:
@@ -90,6 +90,13 @@ def raise_cup_alarm(twin: Twin) -> None:
     assert set(twin.alarms()) & {"cups_implausible", "cups_fast"}
 
 
+def count_twice_at_rest(twin: Twin) -> None:
+    before = twin.alarms()
+    twin.plant.faults.add(Fault("halved_flags", "right.cup_pulse", size=1.0))
+    twin.run_for(5_000)
+    assert twin.alarms() == before
+
+
 def open_guard(twin: Twin) -> None:
     twin.plant.box.guard = True
     twin.run_for(300)
@@ -111,6 +118,7 @@ EVENTS: dict[End, Callable[[Twin], None]] = {
     End.POWER_UP: lose_power,
     End.MEMORY_LOST: lose_memory,
     End.CUP_ALARM: raise_cup_alarm,
+    End.CUPS_AT_REST: count_twice_at_rest,
     End.GUARD: open_guard,
     End.TRAY_LOST: take_the_tray_and_put_it_back,
 }
@@ -122,7 +130,7 @@ EVENTS: dict[End, Callable[[Twin], None]] = {
         pytest.param(belief, end, id=f"{belief.name}, {end}")
         for belief in TABLE
         for end in End
-        if end not in {End.CUP_ALARM, End.TRAY_LOST}
+        if end not in {End.CUP_ALARM, End.CUPS_AT_REST, End.TRAY_LOST}
         or belief.name not in MOVING  # the arms move until the alarm holds the machine
     ],
 )

@@ -250,6 +250,10 @@ MUTATIONS: dict[str, tuple[Change, str]] = {
         driven(Out, ARM.release_edge, TRUE, ARM.cup),
         "left: the release delay of a load starts only after a cup",
     ),
+    "claws that were blocked as the cups came open later": (
+        everywhere(CYCLE["release delay"] | ARM.coils["claws_open"], TRUE),
+        "left: load released away from its cups and row",
+    ),
     "a row that is put back is counted": (
         driven(Out, ARM.thrown, TRUE, ~ARM.row_in_progress),
         "left: a release not counted once",

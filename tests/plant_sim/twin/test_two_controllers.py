@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from controller.program.states import State
+from plant_sim.twin.lock_step import CLEAR_MS
 from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
 from tests.controller.common.modbus_rig import ALL_OFF, Client, exception
@@ -112,7 +113,7 @@ def test_the_lease_of_a_killed_controller_ends_and_it_is_restarted(stack: ExitSt
 @pytest.mark.nightly
 @pytest.mark.real_time
 def test_the_second_controller_takes_over_when_its_operator_clears_it(stack: ExitStack, tmp_path: Path) -> None:
-    """Killed with SIGKILL, the owner is gone; X24 pressed for 3 s clears the second one, which then writes."""
+    """Killed with SIGKILL, the owner is gone; X24 held for 3 s clears the second one, which then writes."""
     port, _ = real_time_plant(stack)
     operator = stack.enter_context(Operator("127.0.0.1", port))
     first = controller(stack, port, tmp_path / "first")
@@ -122,9 +123,8 @@ def test_the_second_controller_takes_over_when_its_operator_clears_it(stack: Exi
     first.kill()
     while operator.telemetry()["watchdog_state"] != 2:
         pass
-    operator.hold("stop", pressed=True)
+    operator.press("stop", for_ms=CLEAR_MS + 1_000)
     wait_for_state(second, State.STOPPED)
-    operator.hold("stop", pressed=False)
     while operator.telemetry()["watchdog_state"] != 1:
         pass
     assert second.stop() == 0

@@ -102,6 +102,28 @@ def test_one_row_counted_wrongly_is_reported_within_twelve_cups(
     complete(twin)
 
 
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("kind", [DOUBLED, HALVED])
+def test_cups_of_one_row_counted_twice_at_rest_are_not_relied_on(kind: int, side: Side) -> None:
+    """With the count of a few cups that pass at rest, a row would be released onto the one before it."""
+    twin = at_frequency(45.0)
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=30_000)
+    alter(twin, [side], kind, 1.0)
+    twin.run_for(5_000)
+    twin.plant.planting_frequency_per_min = 0.0
+    twin.run_for(2_000)
+    alter(twin, SIDES, SOUND, 0.0)
+    twin.home(within_ms=60_000)
+    twin.start()
+    twin.run_for(10_000)
+    twin.plant.planting_frequency_per_min = 45.0
+    twin.run_until_state(State.COMPLETE, within_ms=600_000)
+    counts = twin.plant.counts()
+    assert counts.in_cups == counts.total == 144, counts
+    assert twin.alarm_events() == []
+
+
 def cups_until_wrong(twin: Twin, side: Side) -> float:
     """Return the number of cups until the next flag that is counted wrongly reaches the counter."""
     cups = twin.plant.arms[side].cups

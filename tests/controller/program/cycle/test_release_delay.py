@@ -5,11 +5,13 @@ from __future__ import annotations
 import pytest
 
 from controller.program.states import State
-from controller.program.tags import SIDES
+from controller.program.tags import SIDES, Side
 from plant_sim.faults.fault import Fault
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.row_motion import MotionWatch
 from plant_sim.twin.lock_step import Twin
+from plant_sim.twin.recovery import home_again
+from tests.plant_sim.twin.routes import finish
 from tests.plant_sim.twin.twin_rig import arm_of, at_work, scan_ms, tags_of, to_complete, undisturbed, until_step
 
 MACHINE = load_machine()
@@ -131,3 +133,24 @@ def test_an_alarm_of_the_cups_in_the_release_delay_prevents_the_throw() -> None:
     until_step(twin, "left arm", "wait for cups", within_ms=100)
     twin.run_until_state(State.HELD, within_ms=10_000)
     assert arm_of(twin, "left").grip.held
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("switch", ["claws_spread", "lift_down", "slide_at_feed"])
+def test_claws_that_may_not_open_in_time_do_not_open_later(side: Side, switch: str) -> None:
+    """A switch fails for 0.3 s as the release is due: later the plugs would fall between cups, or onto other plugs."""
+    twin = at_work({"trays_target": 1})
+    until_step(twin, f"{side} arm", "approach row")
+    until_step(twin, f"{side} arm", "release delay", within_ms=60_000)
+    twin.run_for(200)
+    sensor = arm_of(twin, side).sensors[switch]
+    sensor.stuck = False
+    until_step(twin, f"{side} arm", "open claws", within_ms=2_000)
+    twin.run_for(300)
+    sensor.stuck = None
+    twin.run_until_state(State.HELD, within_ms=10_000)
+    assert twin.alarms() == [f"{side}: open claws"]
+    assert len(arm_of(twin, side).grip.held) == 12
+    home_again(twin)
+    finish(twin)
+    assert twin.plant.counts() == undisturbed()

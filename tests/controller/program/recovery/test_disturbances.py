@@ -74,23 +74,6 @@ def test_a_link_lost_in_any_step_derives_no_state_from_assumed_inputs(stop: Stop
 
 
 @pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("switch", ["lift_down", "claws_spread", "slide_at_feed"])
-def test_claws_that_did_not_open_do_not_count_as_open(side: Side, switch: str) -> None:
-    """If a position signal required for opening is lost for 350 ms, the row counts as held until the claws open."""
-    twin = at_work({"trays_target": 1})
-    until_picking(twin, side, 1)
-    until_step(twin, f"{side} arm", "release delay")
-    arm_of(twin, side).sensors[switch].stuck = False
-    twin.run_for(350)
-    assert twin.plc.read(tags_of(twin, side).loaded) == 1
-    arm_of(twin, side).sensors[switch].stuck = None
-    finish(twin)
-    counts = twin.plant.counts()
-    assert (counts.P, counts.D) == (undisturbed().P, undisturbed().D)
-    assert counts.in_tray == counts.in_claw == 0
-
-
-@pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize(("step", "switch"), [("close claws", "lift_down"), ("open claws", "lift_down")])
 def test_claws_without_a_confirmed_position_raise_the_alarm_of_their_step(side: Side, step: str, switch: str) -> None:
     """If the position signal is lost permanently as a claw step begins, the alarm of the step is raised at its limit.

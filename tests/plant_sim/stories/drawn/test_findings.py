@@ -19,6 +19,7 @@ from plant_sim.stories.drawn.verdict import HarmClass, KnownHarm, StoryJudge
 from plant_sim.twin.lock_step import Twin
 from tests.plant_sim.stories.drawn.story_rig import MACHINE, PARAMETERS, judge, played
 from tests.sampling import first_of
+from tests.wiring import wired
 
 STUCK = "coil memory: RST right.reached pick 2: right.slide_inward inverted"
 """Mutant with which the machine does not work again after some faults."""
@@ -110,14 +111,23 @@ def test_a_known_cause_still_does_harm(known: KnownHarm) -> None:
     assert not known.kinds & {*others} or "double" in others  # the other fault of a story of two does other harm
 
 
+def test_ground_pulses_tell_a_false_cup_pulse_at_standstill() -> None:
+    [known] = [each for each in KNOWN if each.part == "cup_pulse"]
+    player = StoryPlayer(build(wired("ground_pulse")), PARAMETERS)
+    assert player.play(parse_story(known.replay)).harms == []
+
+
 MENDED = (
     "seed=541 trays=3 work=30540; 31100 press emergency_stop for=530; 31570 push =19.6",
     "seed=613 trays=3 work=39830; 40690 press stop for=2300; 42150 fault halved_flags:right.cup_pulse =0.733 for=3010",
     "seed=1 trays=2 work=9000; 10000 fault doubled_pulses:left.cup_pulse =0.75 for=8400; 10030 command stop",
     "seed=755 trays=3 work=0; 11910 tend; 26470 tend; "
     "26780 fault doubled_pulses:left.cup_pulse =0.75 for=18400; 26810 command stop",
+    "seed=131 trays=3 work=34030; 10150 speed =0.0; 16210 command stop; "
+    "39750 fault halved_flags:right.cup_pulse =0.523",
+    "seed=891 trays=3 work=30700; 9940 fault stuck_off:left.claws_spread for=970",
 )
-"""Stories that did harm before the program asked about the tray and watched the cups in Stopping."""
+"""Stories that did harm before the program asked about the tray, and checked cups and switches at every time."""
 
 
 @pytest.mark.parametrize("text", MENDED)
