@@ -128,6 +128,7 @@ def run(options: argparse.Namespace) -> int:
     machine = machine_of(options)
     plan = field_plan(machine.io_map, options)
     link = DevicesLink(plan, machine.io_map)
+    _report_lamp(machine.io_map)
     if options.check:
         print_places(plan, machine.io_map)
         return 0
@@ -140,7 +141,6 @@ def run(options: argparse.Namespace) -> int:
     pace = _pace(options)
     with ExitStack() as stack:
         store = stack.enter_context(_memory(machine, plc, options))
-        _report_lamp(machine.io_map)
         stack.callback(link.close)
         # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
         writer = stack.enter_context(writer_until_end(store, threaded=pace is None))
@@ -211,9 +211,12 @@ def _report_lamp(io_map: IoMap) -> None:
     """Report a map without the amber lamp: the buttons answer a question only while a lamp or a panel shows it."""
     if LAMP in io_map:
         return
-    address = next((f" ({point.address})" for point in io_map.unwired if point.tag == LAMP), "")
+    place, remedy = str(io_map.path), f"add {LAMP}"
+    for point in io_map.unwired:
+        if point.tag == LAMP:
+            place, remedy = f"{io_map.path}:{point.line}", f"set wired: true ({point.address})"
     print(
-        f"{LAMP}{address} is not wired in {io_map.path}: questions need a panel or a command",
+        f"{place}: {LAMP} is not wired: questions need a panel or a command; with a lamp, {remedy}",
         file=sys.stderr,
         flush=True,
     )

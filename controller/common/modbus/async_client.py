@@ -14,6 +14,10 @@ class ModbusClientError(OSError):
     """Raised if a server is not reachable or gives no valid answer; the message is the reason."""
 
 
+def _closed() -> ModbusClientError:
+    return ModbusClientError("closed during the request")
+
+
 class AsyncModbusClient(Protocol):
     """Client of one server, for one request at a time.
 
@@ -38,7 +42,7 @@ class AsyncModbusClient(Protocol):
         """
 
     def close(self) -> None:
-        """Disconnect; no effect if closed."""
+        """Disconnect; a request that waits in another task fails. No effect if closed."""
 
 
 class _Exchange:
@@ -152,7 +156,8 @@ class AsyncTcpClient:
         return answer
 
     def close(self) -> None:
-        """Disconnect at once; no effect if closed."""
+        """Disconnect at once; a request that waits fails. No effect if closed."""
+        self._exchange.fail(_closed())
         if self._transport is not None:
             self._transport.abort()
         self._frames.discard()
@@ -186,6 +191,7 @@ class AsyncRtuClient:
             ModbusClientError: The line cannot be opened.
             ModuleNotFoundError: pyserial is not installed.
         """
+        self.close()
         try:
             self._port = self._line.open()
         except (OSError, ValueError, OverflowError) as error:
@@ -207,6 +213,8 @@ class AsyncRtuClient:
         self._quiet_until_s = loop.time() + limit_s + self._timeout_s
         try:
             answer = await self._exchange.answer(lambda: self._send(frame), limit_s)
+        except ModbusClientError:
+            raise
         except OSError as error:
             raise ModbusClientError(f"serial line: {error}") from error
         if answer is None:
@@ -215,7 +223,8 @@ class AsyncRtuClient:
         return answer
 
     def close(self) -> None:
-        """Close the line; no effect if closed."""
+        """Close the line; a request that waits fails. No effect if closed."""
+        self._exchange.fail(_closed())
         if self._port is not None:
             asyncio.get_running_loop().remove_reader(self._port.fileno())
             self._port.close()

@@ -35,7 +35,7 @@ class ArmMonitor:
         self._tags, self._side, self._cycle = tags, side, cycle
         self.positions = PositionMonitor(tags, side)
         self.counts = CountMonitor(tags, side)
-        self.open = m.bit("open", "the claws have opened for their dwell time since they last closed")
+        self.open = m.bit("open", "the claws have opened since they last closed")
         self.gripped = m.bit("gripped", "the claws have closed for their dwell time since they last opened, or unknown")
         self.holds = m.bit("holds", "the claws have closed at a row since they last opened, or unknown")
         self.unmoved = m.bit("unmoved", "the slide has not been driven since the claws closed at a row")
@@ -65,18 +65,18 @@ class ArmMonitor:
         return [
             *self.positions.places(),
             *self.counts.rungs(released),
-            Set(self.open, when=a.t_opening.done),
+            Set(self.open, when=a.opened),
             Rst(self.open, when=y["claws_close"]),
             Set(self.gripped, when=any_of(a.t_closing.done, yes, discard, FIRST_SCAN & ~a.claws_known)),
-            Rst(self.gripped, when=y["claws_open"] | a.t_opening.done),
-            Rst(self.holds, when=a.t_opening.done | (no & a.ask)),
+            Rst(self.gripped, when=y["claws_open"] | a.opened),
+            Rst(self.holds, when=a.opened | (no & a.ask)),
             Set(self.holds, when=y["claws_close"] & over_row),
             Rst(self.unmoved, when=y["slide_inward"] | y["slide_outward"]),
             Set(self.unmoved, when=y["claws_close"] & over_row),
             Set(self.released, when=a.cup & a.count_good),
-            Rst(self.released, when=any_of(~releasing, a.t_opening.done, ~tags.machine.motion)),
+            Rst(self.released, when=any_of(~releasing, a.opened, ~tags.machine.motion)),
             Set(self.discarded, when=discard),
-            Rst(self.discarded, when=a.t_opening.done),
+            Rst(self.discarded, when=a.opened),
             Rst(self.arrived, when=certainly("feed")),
             Set(self.arrived, when=_at_or_beyond_next_row(a)),
             Rst(self.in_centre, when=certainly("feed") | (certainly("pick 2") & ~y["slide_inward"])),

@@ -26,7 +26,7 @@ from tests.controller.core.core_rig import x, y
 from tests.controller.verify.proof_rig import MACHINE, SOUND, seconds
 from tests.controller.verify.verify_rig import specification_of
 from tests.sampling import first_of, one_in
-from tests.wiring import wired
+from tests.wiring import YIELD, wired
 
 RULE, GOAL = "left: down at feed only", "left: down away from feed"
 STEPS: list[Bit] = [bit for sequence in MACHINE.program.sequences() for bit, _ in sequence]
@@ -114,8 +114,8 @@ def test_a_machine_with_a_reset_button_is_proved() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(COMPLETE_PROOF_S + 100)
-@pytest.mark.parametrize("points", [("guard",), ("horn",), ("guard", "horn")], ids=" and ".join)
-def test_a_machine_with_guard_and_start_warning_is_proved(points: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("points", [("guard",), ("horn",), ("guard", "horn"), YIELD], ids=" and ".join)
+def test_a_machine_with_optional_points_is_proved(points: tuple[str, ...]) -> None:
     """Requirements and invariants hold with the optional points wired, and orders lead to homing and work."""
     demands = specification(build(wired(*points)))
     work = ("reset", "start", "unhold", "mode", "emergency stop")

@@ -70,6 +70,33 @@ def test_frames_on_a_line_are_accepted_only_with_unit_and_checksum() -> None:
         run(exchange(cable))
 
 
+def test_a_request_on_a_line_ends_when_another_task_closes_the_client(monkeypatch: pytest.MonkeyPatch) -> None:
+    port = SimulatedPort([])
+
+    async def use(client: AsyncRtuClient) -> None:
+        asyncio.get_running_loop().call_later(0.1, client.close)
+        with pytest.raises(ModbusClientError, match=r"^closed during the request$"):
+            await client.request(REQUEST)
+        assert asyncio.get_running_loop().time() == pytest.approx(0.1)
+        with pytest.raises(ModbusClientError, match="not connected"):
+            await client.request(REQUEST)
+
+    on_line(monkeypatch, port, use)
+
+
+def test_a_line_that_is_opened_again_leaves_no_port_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = SimulatedPort([]), SimulatedPort([(0.1, FRAME)])
+
+    async def use(client: AsyncRtuClient) -> None:
+        monkeypatch.setattr(SerialLine, "open", lambda _line: second)
+        await client.open()
+        assert first.is_closed
+        assert await client.request(REQUEST) == ANSWER
+
+    on_line(monkeypatch, first, use)
+    assert second.is_closed
+
+
 def test_after_an_answer_the_line_is_silent_as_between_two_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     port = SimulatedPort([(0.1, FRAME)], [(0.1, FRAME[:4]), (0.2, FRAME[4:])])
 

@@ -114,6 +114,20 @@ def test_on_tcp_a_request_without_an_answer_closes_the_connection() -> None:
     run(with_server(serve, use, timeout_s=0.05))
 
 
+def test_on_tcp_a_request_ends_when_another_task_closes_the_client() -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+
+    async def use(client: AsyncTcpClient) -> None:
+        await client.open()
+        asyncio.get_running_loop().call_soon(client.close)
+        with pytest.raises(ModbusClientError, match=r"^closed during the request$"):
+            await client.request(REQUEST)
+        assert not client.is_open
+
+    run(with_server(serve, use))
+
+
 def test_on_tcp_a_frame_that_is_no_answer_is_reported() -> None:
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(tcp_answer(await reader.read(100), ANSWER, later=1))
