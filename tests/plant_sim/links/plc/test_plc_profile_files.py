@@ -34,6 +34,14 @@ inputs: {device: M0, source: assumed}
 """
 
 
+@pytest.mark.parametrize("name", profile_names())
+def test_a_delivered_profile_fits_a_machine_with_all_optional_inputs(name: str) -> None:
+    wired = IO_MAP.all_wired()
+    profile = load_profile(name, input_count=wired.input_count, output_count=wired.output_count)
+    assert profile.ok_bit is not None
+    assert profile.ok_bit >= wired.input_count > IO_MAP.input_count
+
+
 def load(text: str, folder: Path) -> str:
     path = folder / "my_plc.yaml"
     path.write_text(text, encoding="utf-8")
@@ -54,7 +62,7 @@ def test_fx3u_addresses_are_those_of_the_manual() -> None:
     profile = load_profile("fx3u", input_count=22, output_count=18)
     assert (profile.outputs.first, profile.inputs.first) == (0x3300, 7_000)
     assert profile.outputs.area is profile.inputs.area is ModbusTable.COIL
-    assert profile.input_bits(22) == 32
+    assert profile.input_bits(22) == 48
 
 
 def test_valid_files(tmp_path: Path) -> None:

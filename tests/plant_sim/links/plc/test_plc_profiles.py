@@ -99,9 +99,11 @@ def serial_slave(name: str, path: str) -> Iterator[None]:
     kind = defines.HOLDING_REGISTERS if is_words else defines.COILS
     slave = SerialSlave(UNIT)
     slave.program = ProgramOfPlc()
-    for block, key in ((profile.inputs, "inputs"), (profile.outputs, "outputs")):
-        slave.add_block(key, kind, block.first, 2 if is_words else 32)
-        setattr(slave, key, (block.first, 2 if is_words else 32))
+    input_bits = profile.input_bits(IO_MAP.input_count)
+    for block, key, bits in ((profile.inputs, "inputs", input_bits), (profile.outputs, "outputs", 32)):
+        length = bits // 16 if is_words else bits
+        slave.add_block(key, kind, block.first, length)
+        setattr(slave, key, (block.first, length))
     line = SerialLine(path, 115_200, "N", 1).open()
     server = modbus_rtu.RtuServer(line)
     server._databank._slaves[UNIT] = slave
