@@ -24,6 +24,8 @@ GC_ALLOCATIONS: Final = 50_000
 """Allocations between garbage collections; the default of 700 takes 8 % of the time of a run."""
 EXAMPLE: Final = ">>> "
 """Start of an example in a docstring."""
+BROWSER: Final = "browser"
+"""Fixture of a process whose start takes several seconds of processor time."""
 SAMPLED: Final = tuple(
     ROOT / "tests" / folder
     for folder in (
@@ -82,9 +84,12 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run a scenario that exists for both arms on one of them by default, and on the other every night.
+    """Select one of the arms for scenarios that exist for both, and run the tests with a browser first.
 
-    The program of an arm is declared once and instantiated for both arms. The arm is chosen by a checksum of the test's
+    The first tests belong to the first worker, so that the other workers need not start a browser.
+
+    A scenario that exists for both arms runs on one of them by default, and on the other every night. The program of an
+    arm is declared once and instantiated for both arms. The arm is chosen by a checksum of the test's
     name and other parameters, so that about half of the scenarios run on each. Every test keeps at least one case.
     """
     cases: dict[str, list[pytest.Function]] = {}
@@ -96,6 +101,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in of_one_test:
             if item not in kept:
                 item.add_marker(pytest.mark.nightly)
+    items.sort(key=lambda item: BROWSER not in getattr(item, "fixturenames", ()))
 
 
 def pytest_collection_finish() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from controller.cli.machine import add_io_map, machine_of
 from controller.common.document.rendering import reference_table, write_texts
 from controller.common.errors import InputError
+from controller.common.supervision.threads import THREADS
 from controller.core.devices import PROGRAM_RANGES, free_spans
 from controller.core.expr import Bit, Word, readable
 from controller.core.sequence import Sequence as StepSequence
@@ -305,6 +306,18 @@ def instruction_table(_: Transplanter) -> str:
     )
 
 
+def thread_table(_: Transplanter) -> str:
+    """Return a table of the threads, their reasons and the consequence of an unexpected exception in each."""
+    rows = [(name, kind.blocks, kind.reaction.value) for name, kind in THREADS.items()]
+    heading = ("thread", "call that can block", "after an unexpected exception")
+    return (
+        f"# Threads\n\n{GENERATED}\n\nThe scan runs in the main thread; an exception in it switches the outputs off. "
+        "Every other thread exists because a call in it can block. Errors that a thread expects, such as a full disk, "
+        "are handled where they arise. Any other exception is a defect: it is reported on standard error, and has the "
+        f"consequence in the table.\n\n{reference_table(heading, *rows)}"
+    )
+
+
 REFERENCE = {
     "io.md": io_table,
     "steps.md": step_tables,
@@ -314,6 +327,7 @@ REFERENCE = {
     "interlocks.md": interlock_tables,
     "devices.md": device_table,
     "known-since.md": belief_table,
+    "threads.md": thread_table,
     "instructions.md": instruction_table,
 }
 

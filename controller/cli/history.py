@@ -7,7 +7,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import IO, Final
@@ -48,7 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--since",
         default=None,
         metavar="TIME",
-        help="start of the period: local time such as 2026-05-01T07:30, or time before now such as 90s, 30m, 2h, 3d",
+        help="start of the period: local time such as 2026-05-01T07:30, also with its UTC offset, or time before now "
+        "such as 90s, 30m, 2h, 3d",
     )
     add("--until", default=None, metavar="TIME", help="end of the period, exclusive")
     add(
@@ -128,11 +129,33 @@ def _instant_ms(option: str, text: str | None, now_ms: int) -> int | None:
     if ago:
         return now_ms - int(ago[1]) * _UNITS_MS[ago[2]]
     try:
-        return round(datetime.fromisoformat(text).timestamp() * 1000)
+        at = datetime.fromisoformat(text)
+        readings = _readings(at)
     except (ValueError, OverflowError, OSError):
         raise HistoryError(
             f"{option} {text}: must be local time such as 2026-05-01T07:30, or a time before now such as 90s, 2h or 3d"
         ) from None
+    if len(readings) == 1:
+        return round(readings[0].timestamp() * 1000)
+    complaint = "occurs twice" if readings else "does not exist"
+    with_offsets = " or ".join(reading.isoformat() for reading in readings or _around(at))
+    raise HistoryError(f"{option} {text}: {complaint}, because the clocks change; specify {with_offsets}")
+
+
+def _readings(at: datetime) -> list[datetime]:
+    """Return the instants that a time can mean, with their offsets.
+
+    A local time means none if the clocks skip it, and two if they show it again.
+    """
+    if at.tzinfo is not None:
+        return [at]
+    earlier, later = _around(at)
+    return [each for each in dict.fromkeys((earlier, later)) if each.replace(tzinfo=None) == at]
+
+
+def _around(at: datetime) -> list[datetime]:
+    """Return the instants of a local time with the offset before and after a change of the clocks, the same if none."""
+    return [datetime.fromtimestamp(at.replace(fold=fold).timestamp(), UTC).astimezone() for fold in (0, 1)]
 
 
 def _check_out(out: Path, history: Path) -> None:

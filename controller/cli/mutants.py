@@ -18,6 +18,7 @@ from typing import IO, Self
 from controller.cli.machine import machine_of, read_constants
 from controller.common.document.rendering import write_texts
 from controller.common.errors import InputError
+from controller.common.supervision.parent import Lifeline
 from controller.core.program import Program
 from controller.program.machine import Transplanter
 from controller.program.requirements.proof import specification as specification_of
@@ -105,15 +106,23 @@ class StoryProcess:
     def __init__(self, command: Sequence[str]) -> None:
         """Set the command; the process starts at `__enter__`."""
         self._command = list(command)
+        self._lifeline: Lifeline
         self._output: IO[str]
         self._process: subprocess.Popen[str]
 
     def __enter__(self) -> Self:
+        self._lifeline = Lifeline()
         # the results go to a file, so that the process never waits for this one
         self._output = tempfile.TemporaryFile("w+", encoding="utf-8")
         self._process = subprocess.Popen(  # noqa: S603 - own command
-            self._command, stdin=subprocess.PIPE, stdout=self._output, text=True
+            self._command,
+            stdin=subprocess.PIPE,
+            stdout=self._output,
+            text=True,
+            env=self._lifeline.environment(),
+            pass_fds=self._lifeline.descriptors,
         )
+        self._lifeline.started()
         return self
 
     def __exit__(
@@ -122,6 +131,7 @@ class StoryProcess:
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
+        self._lifeline.close()
         self._output.close()
 
     def begin(self, mutant: Mutant) -> None:

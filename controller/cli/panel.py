@@ -18,6 +18,7 @@ from starlette.types import ASGIApp
 
 from controller.cli.machine import add_io_map, machine_of
 from controller.common.errors import InputError
+from controller.common.files.trust import secret_exposure
 from controller.common.modbus.address import listening_remedy
 from controller.core.clock import MonotonicClock
 from controller.history.query import HistoryReader
@@ -103,6 +104,7 @@ def run(options: argparse.Namespace) -> int:
         telemetry = Telemetry(_connection("--telemetry", options.telemetry)(), tags, clock)
     history = HistoryReader(options.history)
     trends = TrendFile(options.trends, MOST_PERIODS)
+    trends.check()
     sources = Sources(machine, connect, telemetry, history, clock, options.language, trends)
     with _listening(options.host, options.port) as listener:
         asyncio.run(_serve(sources, users, listener, options))
@@ -184,6 +186,8 @@ def _check_tls(options: argparse.Namespace) -> None:
         raise InputError("--certificate and --key must be used together")
     if options.certificate is None:
         return
+    if problem := secret_exposure(options.key):
+        raise InputError(f"--key {problem}")
     try:
         # Without password="", an encrypted key would cause a password prompt on the terminal.
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(options.certificate, options.key, password="")

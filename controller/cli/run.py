@@ -24,7 +24,7 @@ from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter, 
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION
-from controller.common.file_lock import FileLockError, lock_file
+from controller.common.files.lock import FileLockError, lock_file
 from controller.common.modbus.io_map import IoMap
 from controller.common.real_time import (
     RealTimeError,
@@ -39,7 +39,7 @@ from controller.common.real_time import (
 from controller.common.service_manager import READY, ServiceManager
 from controller.common.stop_request import Stop, StopRequest
 from controller.core.clock import MonotonicClock, utc_ms, utc_text
-from controller.core.retentive_store import DamagedStoreError, FileStore
+from controller.core.retentive_store import DamagedStoreError, FileStore, NewerStoreError
 from controller.core.scan import Plc
 from controller.hmi.access.tag_list import unit_of
 from controller.io.captured_plc import CapturedPlc
@@ -324,6 +324,9 @@ def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
     """Restore the memory stored by the last run.
 
     A damaged, old or copied memory is renamed and reported, and `memory_lost` is set.
+
+    Raises:
+        NewerStoreError: The memory is one of a newer program.
     """
     try:
         values = store.load()
@@ -336,7 +339,9 @@ def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
                     file=sys.stderr,
                     flush=True,
                 )
-    except (DamagedStoreError, ValueError) as error:
+    except NewerStoreError:
+        raise
+    except ValueError as error:
         prefix = "" if isinstance(error, DamagedStoreError) else f"{store.path}: "
         try:
             asides = store.set_aside()

@@ -32,7 +32,6 @@ import logging
 import os
 import queue
 import re
-import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -40,6 +39,7 @@ from types import TracebackType
 from typing import Final, Self, TextIO
 
 from controller.common.errors import InputError
+from controller.common.supervision.threads import supervised
 
 _log = logging.getLogger(__name__)
 
@@ -163,7 +163,7 @@ class CaptureWriter:
         self._last_ms = 0
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self.put_header(header)
-        self._thread = threading.Thread(target=self._write, name="capture")
+        self._thread = supervised("capture", self._write)
         self._thread.start()
 
     def __enter__(self) -> Self:
@@ -214,8 +214,9 @@ class CaptureWriter:
                     file.write(f"{line}\n")
                     if self._lines.empty():
                         file.flush()
-        except OSError as error:
-            _log.error("capture %s ends here: %s", self._file.name, error.strerror)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the queue must not grow
+            reason = error.strerror if isinstance(error, OSError) else error
+            _log.error("capture %s ends here: %s", self._file.name, reason)
             while line is not None:
                 line = self._lines.get()
 

@@ -20,6 +20,10 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Final, NoReturn, Protocol, Self
 
+from controller.common.output_streams import prepare_output_streams
+from controller.common.supervision.parent import end_with_parent
+from controller.common.supervision.threads import FAILED, has_failed
+
 SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that end a process; SIGHUP, which Windows lacks, comes from a terminal that is closed."""
 REPEAT_S: Final = 1.0
@@ -184,7 +188,9 @@ def _ignore_signals() -> None:
 
 
 def run_process(main: Callable[[StopRequest], int]) -> NoReturn:
-    """Run the main function of a process and exit with its exit code.
+    """Run the main function of a process, with prepared output streams, and exit with its exit code.
+
+    The end of the parent that started it with a lifeline is a request to stop, too.
 
     Args:
         main: Main function; it imports the command, so that a signal during the imports, too, is a request to stop.
@@ -192,10 +198,14 @@ def run_process(main: Callable[[StopRequest], int]) -> NoReturn:
     atexit.register(_ignore_signals)  # called last, because it is registered first
     stop = StopRequest()
     stop.listen()
+    prepare_output_streams()
+    end_with_parent()
     try:
         code = main(stop)
     except KeyboardInterrupt:  # between two instructions after the command has ended
         code = INTERRUPTED
+    else:
+        code = FAILED if has_failed() else code
     finally:
         discard_signals()
     sys.exit(code)

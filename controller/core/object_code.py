@@ -1,7 +1,7 @@
 """Machine code of LLVM modules: compilation, a cache of the object files, and loading.
 
-The object file of a module is reused as long as its text does not change. The package `llvmlite` is the only compiler
-required.
+The object file of a module is reused as long as its text does not change and no other user can have written it. The
+package `llvmlite` is the only compiler required.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from typing import Any, Final, cast
 import llvmlite
 from llvmlite import binding as llvm
 
-from controller.common.cache_folder import user_cache_folder
+from controller.common.files.cache_folder import user_cache_folder
+from controller.common.files.trust import trusted_folder
 
 OPTIMISATION_LEVEL: Final = 2
 _UNUSED_S: Final = 30 * 86_400.0
@@ -107,8 +108,7 @@ def _folder() -> Path | None:
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {llvm.get_host_cpu_name()} {_features()}"
     version += f" {OPTIMISATION_LEVEL}"
     try:
-        folder = user_cache_folder() / f"program-{hashlib.sha256(version.encode()).hexdigest()[:16]}"
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = trusted_folder(user_cache_folder(), f"program-{hashlib.sha256(version.encode()).hexdigest()[:16]}")
         _delete_unused(folder)
     except (OSError, RuntimeError):
         return None

@@ -5,15 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, Protocol
 
+from controller.common.errors import InputError
+from controller.common.files.set_aside import set_aside
+
 FORMAT: Final = "transplanter-retentive-2"
 MARK_FORMAT: Final = "transplanter-retentive-mark-1"
 FORMER_FORMAT: Final = "transplanter-retentive-1"
 """Format of earlier versions, which had no marks."""
+MARK: Final = ".mark"
+"""Ending of the name of the second file."""
 UNCONFIRMED: Final = -1
 """Mark B of a store that has none yet; its first mark, 0, precedes its first memory, 1."""
 
@@ -23,6 +29,10 @@ class DamagedStoreError(ValueError):
 
     The message is one line that includes the remedy.
     """
+
+
+class NewerStoreError(InputError):
+    """Raised for a store of a newer program, which is not changed; the message is one line with the remedy."""
 
 
 class RetentiveStore(Protocol):
@@ -85,7 +95,7 @@ class FileStore:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.mark_path = path.with_name(path.name + ".mark")
+        self.mark_path = path.with_name(path.name + MARK)
         self.interrupted = False
         self._identity: str | None = None
         """Identity of the store; None until its files have been read."""
@@ -98,6 +108,7 @@ class FileStore:
         Raises:
             DamagedStoreError: The content of a file differs from what was written, or the memory is not the one that
                 was saved last.
+            NewerStoreError: A file was written by a newer program.
         """
         memory, mark = self._read(self.path, FORMAT), self._read(self.mark_path, MARK_FORMAT)
         if memory is None:
@@ -156,14 +167,9 @@ class FileStore:
 
     def set_aside(self) -> tuple[Path, ...]:
         """Rename the files, so that a new store begins, and return their new paths."""
-        asides: list[Path] = []
-        for path in (self.path, self.mark_path):
-            aside = path.with_name(path.name + ".damaged")
-            if path.exists():
-                path.replace(aside)
-                asides.append(aside)
+        asides = set_aside(self.path, ("", MARK))
         self._identity = None
-        return tuple(asides)
+        return asides
 
     def _adopt(self, identity: str, generation: int, confirmed: int) -> None:
         """Continue the store that was read. Once it is in use, this object knows it better than a reader."""
@@ -182,13 +188,14 @@ class FileStore:
             content = dict(json.loads(text))
             if content["format"] == FORMER_FORMAT:
                 raise self._lost(path, "memory of an earlier version, without marks")
+            _refuse_newer(path, str(content["format"]), format_)
             del content["sha256"]
-            intact = text == _document(content) and content["format"] == format_
-        except (ValueError, KeyError, TypeError) as error:
-            if isinstance(error, DamagedStoreError):
-                raise
+            intact = text == _document(content) and content["format"] == format_ and _has_its_parts(content)
+        except (DamagedStoreError, NewerStoreError):
+            raise
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise self._lost(path, "not a retentive store, or truncated") from error
-        if not intact or not all(type(v) is int for v in content.get("values", {}).values()):
+        if not intact:
             raise self._lost(path, "checksum or format does not match")
         return content
 
@@ -218,6 +225,25 @@ class FileStore:
     @staticmethod
     def _lost(path: Path, problem: str) -> DamagedStoreError:
         return DamagedStoreError(f"{path}: {problem}; retentive memory is lost; check rows and claws before resetting")
+
+
+def _has_its_parts(content: Mapping[str, Any]) -> bool:
+    """Return True if a file has the keys and types of its format."""
+    numbers = [content["generation"]]
+    if content["format"] == FORMAT:
+        numbers += content["values"].values()
+    return isinstance(content["store"], str) and all(type(number) is int for number in numbers)
+
+
+def _refuse_newer(path: Path, found: str, known: str) -> None:
+    """Raise `NewerStoreError` for a format with a higher number than the known one."""
+    name, _, number = known.rpartition("-")
+    found_name, _, found_number = found.rpartition("-")
+    if found_name == name and re.fullmatch("[0-9]{1,6}", found_number) and int(found_number) > int(number):
+        raise NewerStoreError(
+            f"{path}: format {found} is newer than {known} of this program; use the program version that wrote the "
+            "file, or rename it and check rows and claws: the retentive memory is then lost"
+        )
 
 
 def _document(content: Mapping[str, Any]) -> bytes:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 import queue
-import threading
 from dataclasses import asdict, dataclass
 from typing import TextIO
 
+from controller.common.supervision.threads import supervised
 from controller.events.alarm_list import AlarmChange
 from controller.events.field_devices import FieldEvent
 from controller.events.kinds import Event
@@ -75,7 +75,7 @@ class EventWriter:
         self._form = form
         self._out = out
         self._events: queue.SimpleQueue[Written | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._work, name="events", daemon=True)
+        self._thread = supervised("events", self._work)
         self._thread.start()
 
     def write(self, event: Written) -> None:

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Final
 
+from controller.common.document.rendering import csv_cell
 from controller.history.query import Record, decoded
 from controller.history.schema import COMMON, TABLES
 
@@ -26,12 +27,15 @@ _LAST: Final = ("text", "result", "detail")
 
 
 def local_time(utc_ms: int) -> str:
-    """Return a wall-clock timestamp as local date and time."""
-    return datetime.fromtimestamp(utc_ms / 1000, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+    """Return a wall-clock timestamp as local date and time with its UTC offset, as in 2026-05-01 06:00:01+08:00.
+
+    The hour that is repeated when daylight saving time ends has two offsets.
+    """
+    return datetime.fromtimestamp(utc_ms // 1000, UTC).astimezone().isoformat(" ")
 
 
 def write_text(table: str, pages: Pages, file: IO[str]) -> None:
-    """Write a table with aligned columns and local times."""
+    """Write a table with aligned columns and local times with their UTC offsets."""
     specific = [name for name in TABLES[table] if name not in {*COMMON, *_HIDDEN, *_LAST}]
     names = ["run", *specific, *(name for name in _LAST if name in TABLES[table])]
     lines = [["time", *names]]
@@ -47,11 +51,11 @@ def write_text(table: str, pages: Pages, file: IO[str]) -> None:
 
 
 def write_csv(table: str, pages: Pages, file: IO[str]) -> None:
-    """Write a header and one line per row; missing values are empty, JSON is text."""
+    """Write a header and one line per row; missing values are empty, JSON is text, no text is a formula."""
     writer = csv.DictWriter(file, list(TABLES[table]), lineterminator="\n")
     writer.writeheader()
     for page in pages:
-        writer.writerows(page)
+        writer.writerows({name: csv_cell(value) for name, value in row.items()} for row in page)
 
 
 def write_json(table: str, pages: Pages, file: IO[str]) -> None:  # noqa: ARG001 - common signature of all writers

@@ -14,8 +14,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from controller.common.file_lock import FileLockError, lock_file
-from controller.history.schema import TABLES, HistoryError, check_schema, create_statements, is_empty, number
+from controller.common.files.database import PARTS, is_damage, is_empty, number, read_only
+from controller.common.files.lock import FileLockError, lock_file
+from controller.common.files.set_aside import set_aside
+from controller.history.schema import TABLES, HistoryError, check_schema, create_statements
 
 MIN_LIMIT_BYTES: Final = 4_000_000
 """Smallest size limit, bytes."""
@@ -72,12 +74,12 @@ class HistoryFile:
         """Open or create the file for a new run; the first row appended must belong to the table `runs`.
 
         Args:
-            path: Path of the file. A damaged file is renamed to ``<name>.damaged-N`` and reported in one log line.
+            path: Path of the file. A file that is damaged, incomplete or no history is renamed to ``<name>.damaged-N``
+                and reported in one log line.
             limit_bytes: Maximum size of the file and its write-ahead log, bytes.
 
         Raises:
-            HistoryError: The file is in use by another controller, is not a history, has a newer schema or cannot be
-                written.
+            HistoryError: The file is in use by another controller, has a newer schema or cannot be written.
         """
         if limit_bytes < MIN_LIMIT_BYTES:
             raise HistoryError(f"size limit {limit_bytes} bytes: must be at least {MIN_LIMIT_BYTES}")
@@ -91,9 +93,9 @@ class HistoryFile:
         except BaseException:
             self._lock.release()
             raise
-        last_ids = [number(self._db, f"SELECT coalesce(max(id), 0) FROM {table}") for table in TABLES]  # noqa: S608
-        self._run = self._next_id = max(last_ids) + 1
         try:
+            last_ids = [number(self._db, f"SELECT coalesce(max(id), 0) FROM {table}") for table in TABLES]  # noqa: S608
+            self._run = self._next_id = max(last_ids) + 1
             self._set_limits(path, limit_bytes)
         except (sqlite3.Error, WalBusyError) as error:
             self.close()
@@ -187,26 +189,47 @@ class HistoryFile:
 
 
 def _open(path: Path) -> sqlite3.Connection:
-    """Open or create the database; rename a damaged file and create a new one."""
+    """Open or create the database; rename a file that cannot be used and create a new one."""
     try:
         try:
+            _check_unopened(path)
             return _open_checked(path)
-        except sqlite3.OperationalError:
-            raise
         except sqlite3.DatabaseError as error:
-            _log.warning("%s: %s; renamed to %s, and a new history is created", path, error, _set_aside(path))
+            if not is_damage(error):
+                raise
+            aside, *_ = set_aside(path, PARTS)
+            _log.warning("%s: %s; renamed to %s, and a new history is created", path, error, aside)
             return _open_checked(path)
     except (sqlite3.Error, OSError) as error:
         raise HistoryError(f"{path}: {error}; choose a writable file") from error
+
+
+def _check_unopened(path: Path) -> None:
+    """Check the schema without changing the file or its write-ahead log.
+
+    Raises:
+        HistoryError: The schema is newer.
+        sqlite3.DatabaseError: The file is damaged or no history.
+    """
+    if not path.exists():
+        return
+    try:
+        with read_only(path, BUSY_S) as db:
+            if not is_empty(db):
+                check_schema(db, path)
+    except sqlite3.OperationalError as error:
+        if is_damage(error):
+            raise
+        # a transaction that was cut short is completed or undone by opening the file
 
 
 def _open_checked(path: Path) -> sqlite3.Connection:
     """Return the database after a check, or a new one.
 
     Raises:
-        HistoryError: The file is not a history, or has a newer schema.
+        HistoryError: The file has a newer schema.
         sqlite3.OperationalError: The file cannot be opened or written.
-        sqlite3.DatabaseError: The file is damaged.
+        sqlite3.DatabaseError: The file is damaged or no history.
     """
     db = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
     try:
@@ -223,15 +246,3 @@ def _open_checked(path: Path) -> sqlite3.Connection:
         db.close()
         raise
     return db
-
-
-def _set_aside(path: Path) -> Path:
-    """Rename a damaged file with its write-ahead log and return its new path."""
-    count = 1
-    while (aside := path.with_name(f"{path.name}.damaged-{count}")).exists():
-        count += 1
-    for suffix in ("", "-wal", "-shm"):
-        part = path.with_name(path.name + suffix)
-        if part.exists():
-            part.replace(aside.with_name(aside.name + suffix))
-    return aside

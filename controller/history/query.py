@@ -72,7 +72,7 @@ def open_history(path: Path) -> Iterator[sqlite3.Connection]:
     """Open a history for reading.
 
     Raises:
-        HistoryError: The file is missing, not a history, damaged or has a newer schema.
+        HistoryError: The file is missing, not a history, damaged, incomplete or has a newer schema.
     """
     db = None
     try:
@@ -80,7 +80,7 @@ def open_history(path: Path) -> Iterator[sqlite3.Connection]:
             raise HistoryError(f"{path}: no such file; specify a history written by a controller")
         db = _connect(path)
         yield db
-    except (sqlite3.Error, OSError) as error:
+    except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
         raise HistoryError(f"{path}: {error}; specify a file written by a controller") from error
     finally:
         if db is not None:
@@ -232,8 +232,11 @@ class HistoryReader:
 
 
 def decoded(record: Record) -> Record:
-    """Return a row with its JSON columns decoded to lists and dicts."""
-    return {
-        name: json.loads(str(value)) if name in JSON_COLUMNS and value is not None else value
-        for name, value in record.items()
-    }
+    """Return a row with its JSON columns decoded to lists and dicts; a damaged one is None."""
+    return {name: _json(value) if name in JSON_COLUMNS else value for name, value in record.items()}
+
+
+def _json(value: object) -> object:
+    with suppress(ValueError, RecursionError):
+        return None if value is None else json.loads(str(value))
+    return None

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.common.errors import InputError
+from controller.common.files.database import check_tables, number
 
 APPLICATION: Final = 0x54504C54
 """`PRAGMA application_id`: "TPLT", which distinguishes a history from databases of other programs."""
@@ -63,32 +64,19 @@ def create_statements() -> list[str]:
     return [*statements, f"PRAGMA application_id = {APPLICATION}", f"PRAGMA user_version = {SCHEMA}"]
 
 
-def is_empty(db: sqlite3.Connection) -> bool:
-    """Return True if a database contains no tables.
-
-    Raises:
-        sqlite3.DatabaseError: The file is not a database, or is damaged.
-    """
-    return number(db, "SELECT count(*) FROM sqlite_master") == 0
-
-
 def check_schema(db: sqlite3.Connection, path: Path) -> None:
     """Check that a database is a history with a supported schema.
 
     Raises:
-        HistoryError: The database is not a history, or its schema is newer.
-        sqlite3.DatabaseError: The file is not a database, or is damaged.
+        HistoryError: Its schema is newer.
+        sqlite3.DatabaseError: The file is not a history, is damaged, or lacks a table.
     """
     version = number(db, "PRAGMA user_version")
     if number(db, "PRAGMA application_id") != APPLICATION or version < 1:
-        raise HistoryError(f"{path}: is not a history; specify a file written by a controller")
+        raise sqlite3.DatabaseError("is not a history")
     if version > SCHEMA:
         raise HistoryError(
             f"{path}: schema {version} is newer than schema {SCHEMA} of this program; use the program version that "
             "wrote the file, or choose another file"
         )
-
-
-def number(db: sqlite3.Connection, query: str) -> int:
-    """Return the single integer result of a query."""
-    return int(db.execute(query).fetchone()[0])
+    check_tables(db, TABLES)

@@ -17,6 +17,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Final
 
+from controller.common.supervision.threads import supervised
 from controller.events.alarm_list import AlarmChange
 from controller.events.cycle_edges import Edge
 from controller.events.kinds import (
@@ -89,8 +90,7 @@ class HistoryWriter:
             max_pending: Maximum number of queued rows; further rows are dropped and counted.
 
         Raises:
-            HistoryError: The file is in use by another controller, is not a history, has a newer schema or cannot be
-                written.
+            HistoryError: The file is in use by another controller, has a newer schema or cannot be written.
         """
         self.path = path
         self._file = HistoryFile(path, limit_bytes)
@@ -105,7 +105,7 @@ class HistoryWriter:
         self._error: str | None = None
         self._last_error = ""
         self._put(HistoryRow("runs", wall_ms(), 0, (program, version)), urgent=True)
-        self._thread = threading.Thread(target=self._work, name="history", daemon=True)
+        self._thread = supervised("history", self._work)
         self._thread.start()
 
     @property

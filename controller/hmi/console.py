@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import select
 import sys
-import threading
+from collections import deque
 from collections.abc import Iterable
 from types import TracebackType
 from typing import Final, Self
 
 from controller.common.stop_request import StopRequest
+from controller.common.supervision.threads import supervised
 from controller.events.alarm_list import AlarmList, AlarmRefusalError
 from controller.io.runtime import Runtime
 from controller.program.set_points import LONGEST_NUMBER, SetPointError
@@ -96,7 +97,9 @@ class ConsoleReader:
         self._console = console
         self._descriptor = descriptor
         self._end = StopRequest()
-        self._thread = threading.Thread(target=self._run, name="console")
+        self._lines: deque[bytes] = deque()
+        self._rest = b""
+        self._thread = supervised("console", self._run)
 
     def __enter__(self) -> Self:
         """Start the thread."""
@@ -112,13 +115,19 @@ class ConsoleReader:
             self._thread.join()
 
     def _run(self) -> None:
-        rest = b""
-        while received := self._receive():
-            *lines, rest = (rest + received).split(b"\n")
-            for line in lines:
-                self._execute(line)
+        while self._lines or self._fill():
+            while self._lines:
+                self._execute(self._lines.popleft())
+        rest, self._rest = self._rest, b""
         if rest and not self._end.is_set():
             self._execute(rest)
+
+    def _fill(self) -> bool:
+        """Wait for input; return False at its end."""
+        received = self._receive()
+        *lines, self._rest = (self._rest + received).split(b"\n")
+        self._lines.extend(lines)
+        return bool(received)
 
     def _receive(self) -> bytes:
         """Return the next bytes; none at the end of file, after the terminal has been closed, and at the end."""

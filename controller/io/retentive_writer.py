@@ -10,6 +10,7 @@ from typing import Protocol
 
 from controller.common.errors import InputError
 from controller.common.saved import Saved
+from controller.common.supervision.threads import supervised
 from controller.core.retentive_store import RetentiveStore
 
 
@@ -70,7 +71,7 @@ class ThreadedRetentiveWriter:
         self._busy = False
         self._closing = False
         self._error: Exception | None = None
-        self._thread = threading.Thread(target=self._work, name="retentive memory", daemon=True)
+        self._thread = supervised("retentive memory", self._work)
         self._thread.start()
 
     def submit(self, values: Mapping[str, int]) -> None:

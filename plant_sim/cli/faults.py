@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import os
 import signal
 import time
@@ -17,7 +18,9 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from controller.common.output_streams import prepare_output_streams
 from controller.common.stop_request import interrupts_blocked
+from controller.common.supervision.threads import supervised
 from plant_sim.cli.options import add_machine_arguments, check_machine_arguments, machine_of
 from plant_sim.fault_matrix import air_report, report, rest_report
 from plant_sim.fault_matrix.air_report import AirResult
@@ -250,7 +253,7 @@ def _results(run_one: Callable[[Task], Done], tasks: Sequence[Task], jobs: int) 
     if jobs == 1:
         yield map(run_one, tasks)
         return
-    pool = ProcessPoolExecutor(jobs, initializer=_ignore_interrupts)
+    pool = ProcessPoolExecutor(jobs, initializer=_prepare_worker)
     try:
         with interrupts_blocked():
             outcomes = pool.map(run_one, tasks)
@@ -259,9 +262,18 @@ def _results(run_one: Callable[[Task], Done], tasks: Sequence[Task], jobs: int) 
         pool.shutdown(cancel_futures=True)
 
 
-def _ignore_interrupts() -> None:
-    """Ignore Ctrl-C in a worker; the parent process handles it."""
+def _prepare_worker() -> None:
+    """Prepare the output of a worker, leave Ctrl-C to its parent, and end after a parent that was killed."""
+    prepare_output_streams()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    supervised("parent of a worker", _end_after_parent).start()
+
+
+def _end_after_parent() -> None:
+    """End this worker after its parent; otherwise it would wait for its next task for ever."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -10,7 +10,8 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
-from controller.common.cache_folder import user_cache_folder
+from controller.common.files.cache_folder import user_cache_folder
+from controller.common.files.trust import trusted_folder
 
 _Params = ParamSpec("_Params")
 _Result = TypeVar("_Result")
@@ -60,7 +61,7 @@ def compiled_and_cached(function: Callable[_Params, _Result]) -> Callable[_Param
     To detect outdated machine code, numba checks only the file that contains the function. The name of the cache folder
     is therefore derived from the content of all files matched by `CACHE_SOURCES`. The folder is in
     ``NUMBA_CACHE_DIR`` if that is set, else in the user's cache folder. If it is not writable, every process compiles
-    the function again.
+    the function again. If another user could write it, a private folder of this process takes its place.
     """
     folder = _version_folder()
     if folder is None:
@@ -99,8 +100,7 @@ def _version_folder() -> Path | None:
     for path in cache_sources():
         digest.update(path.read_bytes())
     try:
-        folder = cache_folder() / f"{_PREFIX}{digest.hexdigest()[:16]}"
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = trusted_folder(cache_folder(), f"{_PREFIX}{digest.hexdigest()[:16]}")
         os.utime(folder)  # the modification time records the last use
     except (OSError, RuntimeError):
         return None

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self, TypeVar
 
+from controller.common.supervision.threads import supervised
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.real_time import precise_loop
 
@@ -24,7 +25,7 @@ class ServerThread:
     def __init__(self, server: PlantServer) -> None:
         """Create a thread for a server that has not been started."""
         self.server = server
-        self._thread = threading.Thread(target=self._run, name="plant server")
+        self._thread = supervised("plant server", self._run)
         self._is_settled = threading.Event()  # listening, or failed to start
         self._error: Exception | None = None
         self._loop: asyncio.AbstractEventLoop

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from controller.common.cache_folder import user_cache_folder
+from controller.common.files.cache_folder import user_cache_folder
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter, load_planter, load_ranges
 from plant_sim.planter.scatter import Ground, Ranges, draw

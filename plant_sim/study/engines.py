@@ -19,7 +19,9 @@ from typing import Any, Final, Protocol, TypeVar
 import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+from controller.common.output_streams import prepare_output_streams
 from controller.common.stop_request import interrupts_blocked
+from controller.common.supervision.threads import supervised
 from plant_sim.study.errors import StudyError
 
 Result = TypeVar("Result")
@@ -218,9 +220,12 @@ def _report_unless_ending(error: threading.ExceptHookArgs) -> None:
     if error.thread is None or not error.thread.name.startswith(_MANAGER):
         threading.__excepthook__(error)
         return
-    report = threading.Timer(_ENDED_WITHIN_S, threading.__excepthook__, (error,))
-    report.daemon = True
-    report.start()
+    supervised("late report", lambda: _report_later(error)).start()
+
+
+def _report_later(error: threading.ExceptHookArgs) -> None:
+    threading.Event().wait(_ENDED_WITHIN_S)
+    threading.__excepthook__(error)
 
 
 @contextmanager
@@ -235,9 +240,10 @@ def _loss_reported() -> Iterator[None]:
 
 
 def _prepare_process(parent: int) -> None:
-    """Let a process ignore Ctrl-C, and end when its parent has been killed."""
+    """Prepare the output streams of a process; let it ignore Ctrl-C, and end when its parent has been killed."""
+    prepare_output_streams()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
+    supervised("parent of a worker", lambda: _end_after(parent)).start()
 
 
 def _end_after(parent: int) -> None:

@@ -118,7 +118,7 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
         if plant.next_line(START_LIMIT_S) is None:
             raise ChildError("plant", plant.stop())
         operator = stack.enter_context(Operator(o.host, o.port))
-        controller = stack.enter_context(Process("controller", _control(o, common, folder)))
+        controller = stack.enter_context(Process("controller", _control(o, common, folder), ends_before=[plant]))
         trial = LiveTrial(options, view, operator, controller, interrupts)
         if o.panel_port is not None:
             panel = Process("panel", _panel(o, folder, o.panel_port, trial.hmi_port()))

@@ -6,10 +6,12 @@ import queue
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Sequence
 from types import FrameType, TracebackType
 from typing import Self
+
+from controller.common.supervision.parent import Lifeline
+from controller.common.supervision.threads import supervised
 
 STOP_S = 30.0
 """Limit of the stop of a process, s: the end of a hang; a busy computer may need several seconds."""
@@ -32,21 +34,39 @@ class ChildError(Exception):
 
 
 class Process:
-    """Child process with its standard output in a queue of lines; stopped with SIGINT."""
+    """Child process with its standard output in a queue of lines; stopped with SIGINT.
 
-    def __init__(self, name: str, arguments: Sequence[str]) -> None:
+    Attributes:
+        lifeline: Lifeline, through which a program of this project also ends if this process is killed.
+    """
+
+    def __init__(self, name: str, arguments: Sequence[str], *, ends_before: Sequence[Process] = ()) -> None:
+        """Start a process.
+
+        Args:
+            name: Name in messages.
+            arguments: Module and its arguments.
+            ends_before: Processes that this one still needs if the parent of all is killed; they end after it.
+        """
         self.name = name
+        # The messages of the process appear on this console, and its output has the same encoding.
+        encoding = sys.stderr.encoding
+        self.lifeline: Lifeline = Lifeline([process.lifeline for process in ends_before])
         # Separate session: Ctrl-C reaches only this program, which then stops controller and plant in order.
         self._process = subprocess.Popen(  # noqa: S603 - our own programs
             [sys.executable, "-m", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            text=True,
+            encoding=encoding,
+            errors="replace",
             start_new_session=True,
+            env={**self.lifeline.environment(), "PYTHONIOENCODING": encoding},
+            pass_fds=self.lifeline.descriptors,
         )
+        self.lifeline.started()
         self._has_output = False
         self.lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._reader = threading.Thread(target=self._read, name=f"{name} output", daemon=True)
+        self._reader = supervised("output of a process", self._read)
         self._reader.start()
 
     def __enter__(self) -> Self:
@@ -91,16 +111,19 @@ class Process:
             except subprocess.TimeoutExpired:
                 self._process.kill()
         code = self._process.wait()
+        self.lifeline.close()
         self._reader.join()
         if self._process.stdout is not None:
             self._process.stdout.close()
         return code
 
     def _read(self) -> None:
-        for line in self._process.stdout or ():
-            self._has_output = True
-            self.lines.put(line.rstrip("\n"))
-        self.lines.put(None)
+        try:
+            for line in self._process.stdout or ():
+                self._has_output = True
+                self.lines.put(line.rstrip("\n"))
+        finally:  # the reader of the queue treats a failure as the end of the process
+            self.lines.put(None)
 
 
 class Interrupts:

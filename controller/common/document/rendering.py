@@ -28,6 +28,11 @@ img { max-width: 100%; height: auto; }
 pre { background: #f4f4f4; padding: .6rem .8rem; overflow-x: auto; }
 """
 
+_FORMULA_STARTS = tuple("=+-@\t\r\n＝＋－＠")
+"""First characters of a cell that a spreadsheet program executes as a formula, in some languages wide signs too."""
+_SIGNED_NUMBER = re.compile(r"[+-]([0-9]+(\.[0-9]*)?(e[+-]?[0-9]+)?)?", re.IGNORECASE)
+"""Signed number, or a sign alone, which is no formula."""
+
 
 def plain_text(title: str, parts: Iterable[Part]) -> str:
     """Return a document as plain text, with the names and captions of the pictures."""
@@ -102,14 +107,28 @@ def html(title: str, parts: Iterable[Part]) -> str:
 
 
 def csv_text(heading: Iterable[str], rows: Iterable[Iterable[object]], *, end: str = "\n") -> str:
-    """Return a table as CSV with all digits; an empty cell and a number that is not finite stay empty."""
+    """Return a table as CSV with all digits and no formula; None and a number that is not finite are empty cells."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator=end)
-    writer.writerow(heading)
+    writer.writerow(map(csv_cell, heading))
     writer.writerows(
-        [None if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in row] for row in rows
+        [None if isinstance(cell, float) and not math.isfinite(cell) else csv_cell(cell) for cell in row]
+        for row in rows
     )
     return text.getvalue()
+
+
+def csv_cell(value: object) -> object:
+    """Return a value for a cell of a CSV file that a spreadsheet program may open; a text never becomes a formula.
+
+    A text that would be one begins with an apostrophe, which these programs take for the mark of a text. Numbers stay
+    numbers, also as texts. Files that only a programming tool of a PLC reads are written without this protection.
+
+    >>> [csv_cell(value) for value in ("=1+1", "-valve", "-5.0e3", -5, "valve")]
+    ["'=1+1", "'-valve", '-5.0e3', -5, 'valve']
+    """
+    is_formula = isinstance(value, str) and value.startswith(_FORMULA_STARTS) and not _SIGNED_NUMBER.fullmatch(value)
+    return f"'{value}" if is_formula else value
 
 
 def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import ssl
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
+from controller.common.files.trust import secret_exposure
 from controller.common.modbus.mbap import MbapSession
 from controller.common.modbus.rtu import RtuServer, SerialLine
 from controller.hmi.modbus.session import HmiSession
@@ -68,12 +70,15 @@ def tls_context(options: HmiOptions) -> ssl.SSLContext | None:
     """Return the TLS context of the server; None for plain TCP.
 
     Raises:
-        ServerError: The files are invalid.
+        ServerError: The files are invalid, or another user can read the key.
     """
     if options.certificate is None:
         if options.key is not None or options.clients is not None:
             raise ServerError("--hmi-key and --hmi-clients require a certificate; add --hmi-certificate")
         return None
+    key = "key" if options.key is not None else "certificate"
+    if problem := secret_exposure(Path(options.key or options.certificate)):
+        raise ServerError(f"--hmi-{key} {problem}")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:

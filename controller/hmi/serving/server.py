@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Final, Self
 
+from controller.common.supervision.threads import supervised
 from controller.hmi.serving.endpoints import Endpoint, ServerError
 
 REPORT_EVERY_S: Final = 60.0
@@ -30,7 +31,7 @@ class DeviceServer:
         """
         self._endpoints = tuple(endpoints)
         self._every_minute = every_minute
-        self._thread = threading.Thread(target=self._run, name="device server", daemon=True)
+        self._thread = supervised("device server", self._run)
         self._started = threading.Event()
         self._error: Exception | None = None
         self._loop: asyncio.AbstractEventLoop

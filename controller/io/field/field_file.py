@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.common.errors import InputError
+from controller.common.files.trust import secret_exposure
 from controller.common.modbus.client_requests import WORD_TABLES
 from controller.common.modbus.io_map import IoMap, ModbusTable, OutputRegister, Point
 from controller.common.modbus.rtu import SerialLine
@@ -236,6 +237,8 @@ class _FieldReader:
                 files[key] = str(self._path.parent / name)
                 if not Path(files[key]).is_file():
                     self._fault((*path, key), f"{name} is no file; write the path of a PEM file")
+                elif key == "key" and (problem := secret_exposure(Path(files[key]))):
+                    self._fault((*path, key), problem)
         if (tls.certificate is None) != (tls.key is None):
             self._fault(path, "has only one of certificate and key; write both or none")
         return tls.model_copy(update=files)

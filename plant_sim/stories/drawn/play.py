@@ -5,6 +5,7 @@ from __future__ import annotations
 import traceback
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -20,7 +21,7 @@ from plant_sim.stories.drawn.coverage import CoverageWatch, StepInState, Triple
 from plant_sim.stories.drawn.hands import RESTS, Hands
 from plant_sim.stories.drawn.harm import NOT_RECOVERED, Harm, HarmWatch, tell
 from plant_sim.twin.lock_step import CLEAR_MS, SCAN_MS, NotReachedError, Twin
-from plant_sim.twin.recovery import affected_cylinders, repair
+from plant_sim.twin.recovery import affected_cylinders, clear, press_emergency_stop, repair
 
 SPEED_PER_MIN: Final = 60.0
 """Speed of the tractor at the beginning and after the last action, cups per minute: faster than usual, so that a story
@@ -227,7 +228,16 @@ class _Run:
             repair(twin, fault)
         for device in (device for fault in struck for device in affected_cylinders(twin, fault)):
             device.place(device.position_m)
-        for side in twin.machine.tags.arms:
+        self._return_to_service()
+
+    def _return_to_service(self) -> None:
+        """Return the arms to service; an arm that is out of service is returned in Stopped, after an emergency stop."""
+        twin, arms = self._twin, self._twin.machine.tags.arms
+        if any(twin.plc.read(arm.out_of_service) for arm in arms.values()) and twin.state is not State.STOPPED:
+            press_emergency_stop(twin)
+            with suppress(NotReachedError):  # a button or its contact is stuck
+                clear(twin)
+        for side in arms:
             twin.command(f"{side}_in_service")
             twin.scan()
 

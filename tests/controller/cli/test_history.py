@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import re
 import sqlite3
 import sys
 import time
@@ -100,18 +101,18 @@ def ids(path: Path, *arguments: str, table: str = "events", now_ms: int = 0) -> 
 
 def test_a_table_is_aligned_and_its_times_are_local(path: Path) -> None:
     assert command(path).splitlines() == [
-        "time                 run  kind     number  text          detail",
-        "2026-04-29 06:00:00  1    state    2       Stopped",
-        "2026-05-01 06:00:01  3    state    2       Stopped",
-        '2026-05-01 06:00:02  3    refusal  3       cannot start  {"command":"start"}',
+        "time                       run  kind     number  text          detail",
+        "2026-04-29 06:00:00+08:00  1    state    2       Stopped",
+        "2026-05-01 06:00:01+08:00  3    state    2       Stopped",
+        '2026-05-01 06:00:02+08:00  3    refusal  3       cannot start  {"command":"start"}',
     ]
 
 
 def test_chinese_text_is_aligned_and_control_characters_are_replaced(path: Path) -> None:
     assert command(path, "--table", "audit").splitlines() == [
-        "time                 run  peer         who     what   value  result",
-        "2026-05-01 06:01:30  3    127.0.0.1:1  王小明  clamp  20     done",
-        "2026-05-01 06:01:31  3    127.0.0.1:1  Li\ufffd[2J  clamp  0      refused: exception 03",
+        "time                       run  peer         who     what   value  result",
+        "2026-05-01 06:01:30+08:00  3    127.0.0.1:1  王小明  clamp  20     done",
+        "2026-05-01 06:01:31+08:00  3    127.0.0.1:1  Li\ufffd[2J  clamp  0      refused: exception 03",
     ]
 
 
@@ -127,7 +128,8 @@ def test_edges_and_keys_are_not_shown_as_text(path: Path) -> None:
     ]
     alarm = command(path, "--table", "alarms").splitlines()[-1]
     assert alarm == (
-        "2026-05-01 06:01:20  3    990     unacknowledged  shelved         王       99000             magazine empty"
+        "2026-05-01 06:01:20+08:00  "
+        "3    990     unacknowledged  shelved         王       99000             magazine empty"
     )
 
 
@@ -157,6 +159,57 @@ def test_a_period_selects_rows(path: Path, morning_ms: int) -> None:
     assert ids(path, "--last", "1") == [5]
     assert ids(path, "--last", "1", "--until", "2026-05-01T06:00:02") == [4], "the newest row of the period"
     assert ids(path, "--since", "2027-01-01") == []
+
+
+def test_a_text_in_csv_is_no_formula(tmp_path: Path, morning_ms: int) -> None:
+    formula = '=HYPERLINK("http://x","阀岛")'
+    path = tmp_path / "history.sqlite"
+    write(path, [("audit", 0, ("127.0.0.1:1", formula, "clamp", "-20", "done"))], morning_ms)
+    (row,) = csv.DictReader(command(path, "--table", "audit", "--format", "csv").splitlines())
+    assert (row["who"], row["value"]) == (f"'{formula}", "-20")
+
+
+# clocks that change
+
+
+@pytest.fixture
+def berlin(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+
+
+@pytest.mark.usefixtures("berlin")
+def test_the_repeated_hour_has_two_offsets(tmp_path: Path) -> None:
+    path = tmp_path / "history.sqlite"
+    first_ms = utc_ms("2026-10-25T02:30+02:00")
+    write(path, [event(0, "state", 2, "Stopped"), event(HOUR, "state", 2, "Stopped")], first_ms)
+    lines = command(path, "--since", "2026-10-25T02:30+02:00", "--until", "2026-10-25T02:31+01:00").splitlines()[1:]
+    assert [line[:25] for line in lines] == ["2026-10-25 02:30:00+02:00", "2026-10-25 02:30:00+01:00"]
+    assert len(ids(path, "--since", "2026-10-25T02:30+01:00")) == 1
+
+
+@pytest.mark.usefixtures("berlin")
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("2026-10-25T02:30", "occurs twice, * specify 2026-10-25T02:30:00+02:00 or 2026-10-25T02:30:00+01:00"),
+        ("2026-10-25T02:00", "occurs twice, * specify 2026-10-25T02:00:00+02:00 or 2026-10-25T02:00:00+01:00"),
+        ("2026-03-29T02:30", "does not exist, * specify 2026-03-29T03:30:00+02:00 or 2026-03-29T01:30:00+01:00"),
+        ("2026-03-29T02:59:59", "does not exist, * specify 2026-03-29T03:59:59+02:00 or 2026-03-29T01:59:59+01:00"),
+    ],
+)
+def test_a_time_without_one_meaning_is_refused_with_the_reason(path: Path, text: str, complaint: str) -> None:
+    expected = complaint.replace("*", "because the clocks change;")
+    with pytest.raises(HistoryError, match=f"^{re.escape(f'--since {text}: {expected}')}$"):
+        command(path, "--since", text, "--until", "2026-12-01")
+    with pytest.raises(HistoryError, match=f"^--until {re.escape(text)}: "):
+        command(path, "--until", text)
+
+
+@pytest.mark.usefixtures("berlin")
+@pytest.mark.parametrize("text", ["2026-10-25T01:59", "2026-10-25T03:00", "2026-03-29T01:59", "2026-03-29T03:00"])
+def test_the_minutes_around_a_change_have_one_meaning(path: Path, text: str) -> None:
+    command(path, "--since", text)
 
 
 # formats

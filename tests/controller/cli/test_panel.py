@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import httpx
@@ -14,6 +16,7 @@ import pytest
 
 from controller.cli import panel
 from controller.common.errors import InputError
+from controller.hmi.panel.view.trend_file import APPLICATION
 from tests.real_time import WAIT_S
 
 
@@ -32,7 +35,11 @@ def test_invalid_options_are_rejected(tmp_path: Path) -> None:
     tags.write_text("name,table,address\na,input,1\n")
     assert "use --allow-remote" in refused(tmp_path, "--host", "192.0.2.1")
     assert "must be used together" in refused(tmp_path, "--certificate", "a.pem")
-    assert "PEM files" in refused(tmp_path, "--certificate", str(tags), "--key", str(tags))
+    key = tmp_path / "key.pem"
+    key.write_text("")
+    for mode, problem in ((0o640, f"--key {key}: accessible to other users"), (0o600, "PEM files")):
+        key.chmod(mode)
+        assert problem in refused(tmp_path, "--certificate", str(tags), "--key", str(key))
     assert "must be used together" in refused(tmp_path, "--telemetry", "127.0.0.1:5020")
     assert "must be used together" in refused(tmp_path, "--telemetry-tags", str(tags))
     assert "specify a CSV file" in refused(tmp_path, "--telemetry-tags", str(tmp_path / "none.csv"))
@@ -62,3 +69,12 @@ def test_the_panel_serves_without_a_controller_and_exits_cleanly(tmp_path: Path,
         finally:
             process.kill()
     assert (process.returncode, out, err) == (0, "", "")
+
+
+def test_trends_of_a_newer_program_end_the_start_in_one_line(tmp_path: Path) -> None:
+    trends = tmp_path / "trends.sqlite"
+    with closing(sqlite3.connect(trends)) as db:
+        db.executescript(f"CREATE TABLE later (id); PRAGMA application_id = {APPLICATION}; PRAGMA user_version = 9")
+    before = trends.read_bytes()
+    assert refused(tmp_path, "--trends", str(trends)).startswith(f"{trends}: schema 9 is newer than schema 0")
+    assert trends.read_bytes() == before

@@ -1,13 +1,17 @@
-"""Messages of the command ``run`` at its start."""
+"""Messages of the command ``run`` at its start, and the files that it opens."""
 
 from __future__ import annotations
 
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from controller.cli.main import main
 from controller.common.stop_request import StopRequest
+from controller.history.schema import create_statements
 from controller.iomap.loader import DEFAULT_IO_MAP
 from tests.wiring import DELIVERED
 
@@ -52,3 +56,84 @@ def test_a_map_without_an_entry_of_the_lamp_says_the_same(tmp_path: Path, capsys
     assert start_messages(tmp_path, absent, capsys).splitlines() == [
         f"{tmp_path / 'map.yaml'}: lamp_amber is not wired: {SAYS} add lamp_amber"
     ]
+
+
+# files of the last run
+
+
+def database(*statements: str) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        with closing(sqlite3.connect(path)) as db:
+            db.executescript("; ".join(statements))
+
+    return write
+
+
+def text(content: str) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        path.write_text(content, encoding="utf-8")
+
+    return write
+
+
+LOST = "retentive memory is lost; check rows and claws before resetting"
+SETS_ASIDE = {
+    "history of another program": ("history.sqlite", database("CREATE TABLE mine (id)"), "is not a history"),
+    "history without runs": (
+        "history.sqlite",
+        database(*(each for each in create_statements() if "TABLE runs" not in each)),
+        "table runs is missing",
+    ),
+    "damaged history": ("history.sqlite", text("no database " * 100), "file is not a database"),
+    "nested memory": ("r.json", text("[" * 100_000), f"not a retentive store, or truncated; {LOST}"),
+    "memory of another program": ("r.json", text('{"format": "mine"}'), f"not a retentive store, or truncated; {LOST}"),
+}
+REFUSED = {
+    "newer history": (
+        "history.sqlite",
+        database(*create_statements(), "PRAGMA user_version = 2"),
+        "schema 2 is newer than schema 1 of this program",
+    ),
+    "newer memory": (
+        "r.json",
+        text('{"format": "transplanter-retentive-3"}'),
+        "format transplanter-retentive-3 is newer than transplanter-retentive-2 of this program",
+    ),
+}
+
+
+def start(folder: Path, expected: int) -> None:
+    with StopRequest() as stop:
+        stop.set()
+        assert main(["run", "--retain", str(folder / "r.json"), "--hmi-port", "0", "--no-console"], stop) == expected
+
+
+@pytest.mark.parametrize("case", SETS_ASIDE)
+def test_a_file_that_cannot_be_used_is_renamed_with_one_line_and_the_start_goes_on(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    name, write, reason = SETS_ASIDE[case]
+    path = tmp_path / name
+    write(path)
+    before = path.read_bytes()
+    start(tmp_path, expected=0)
+    (line,) = [*capsys.readouterr().err.splitlines(), *caplog.messages]
+    assert line.startswith(f"{path}: {reason}; renamed to {path}.damaged-1")
+    assert path.with_name(f"{name}.damaged-1").read_bytes() == before
+    start(tmp_path, expected=0)
+    assert [capsys.readouterr().err, *caplog.messages[1:]] == [""], "the next start finds sound files"
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_file_of_a_newer_program_ends_the_start_and_is_not_changed(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, write, reason = REFUSED[case]
+    path = tmp_path / name
+    write(path)
+    before = path.read_bytes()
+    start(tmp_path, expected=2)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{path}: {reason}; use the program version that wrote the file" in line
+    assert path.read_bytes() == before
+    assert list(tmp_path.glob("*.damaged*")) == []

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.common.file_lock import FileLockError, lock_file
+from controller.common.files.lock import FileLockError, lock_file
 
 
 def test_the_folder_of_the_file_is_created(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

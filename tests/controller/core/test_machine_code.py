@@ -18,6 +18,7 @@ from controller.core.program import Block, Program
 from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Rung, Set
 from controller.core.scan import Plc
 from controller.core.sequence import Sequence, Step, To
+from tests.controller.common.trust_rig import private_folders
 from tests.controller.core.core_rig import d, levels, m, program_of, s, x, y
 from tests.controller.export.fx_equality import STEPS, Differs, Pair, stories
 from tests.controller.program.interlock_scene import MACHINE
@@ -286,6 +287,32 @@ def test_a_cache_that_cannot_be_written_does_not_prevent_execution(
 ) -> None:
     monkeypatch.setattr(object_code, "_folder", lambda: tmp_path / "missing")
     MachineCode(two_blocks(0))
+
+
+def test_machine_code_that_others_could_have_written_is_not_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiled: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    """Object files with a valid checksum lie in the cache when other users are let in; they are compiled afresh."""
+    shared = tmp_path / "seedling-transplanter"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with private_folders(monkeypatch):
+        object_code._folder.cache_clear()
+        MachineCode(two_blocks(0))
+        planted = list(shared.rglob("*.o"))
+        assert (len(planted), len(compiled), caplog.messages) == (3, 3, [])
+        shared.chmod(0o777)
+        for _ in range(2):
+            object_code._folder.cache_clear()
+            MachineCode(two_blocks(0))
+        assert len(compiled) == 6, "the private folder is a cache too"
+        folder = object_code._folder()
+        assert folder is not None
+        assert not folder.is_relative_to(tmp_path)
+        assert caplog.messages == [
+            f"{shared}: other users can write it; run chmod go-w on it: machine code in it is not used, "
+            f"but compiled in {folder.parent}"
+        ]
+    object_code._folder.cache_clear()
 
 
 def test_equal_blocks_have_one_module() -> None:

@@ -14,9 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from controller.core import retentive_store
 from controller.core.expr import Bit, Counter, Timer, Word
 from controller.core.program import Block, Program
-from controller.core.retentive_store import FORMAT, DamagedStoreError, FileStore, MemoryStore
+from controller.core.retentive_store import DamagedStoreError, FileStore, MemoryStore, NewerStoreError
 from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.scan import Plc
 from tests.controller.core.core_rig import THOROUGH, Rig, copied, d, m, program_of, s, x
@@ -177,7 +178,7 @@ def test_a_store_that_was_never_saved_loads_nothing(store: FileStore) -> None:
 def loads(store: FileStore) -> bool:
     try:
         store.load()
-    except DamagedStoreError:
+    except (DamagedStoreError, NewerStoreError):
         return False
     return True
 
@@ -226,14 +227,26 @@ def test_any_other_damage_is_detected(tmp_path_factory: pytest.TempPathFactory, 
     damaged = text[:start] + data.draw(st.binary(max_size=20)) + text[end:]
     store.path.write_bytes(damaged)
     if damaged != text:
-        with pytest.raises(DamagedStoreError):
-            store.load()
+        assert not loads(store)
 
 
 @pytest.mark.parametrize(
     "content",
-    ["", "[]", "null", "7", "{}", '{"values": {}}', '{"values": 7}', '{"values": [["D512", 1]]}', "\x00" * 200],
-    ids=ascii,
+    [
+        "[" * 100_000,
+        '{"a":' * 900 + "1" + "}" * 900,
+        '{"format": []}',
+        "",
+        "[]",
+        "null",
+        "7",
+        "{}",
+        '{"values": {}}',
+        '{"values": 7}',
+        '{"values": [["D512", 1]]}',
+        "\x00" * 200,
+    ],
+    ids=lambda content: ascii(content[:30]),
 )
 def test_a_file_that_is_not_a_store_is_rejected(store: FileStore, content: str) -> None:
     store.save(VALUES)
@@ -252,12 +265,40 @@ def test_values_that_are_not_integers_are_rejected_even_with_a_valid_checksum(st
             store.load()
 
 
-def test_an_unknown_format_is_rejected(store: FileStore, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("format_", ["transplanter-retentive-0", "other-retentive-3", "transplanter-retentive-x", "3"])
+def test_an_unknown_format_is_rejected(store: FileStore, monkeypatch: pytest.MonkeyPatch, format_: str) -> None:
     with monkeypatch.context() as later:
-        later.setattr("controller.core.retentive_store.FORMAT", FORMAT.replace("2", "3"))
+        later.setattr("controller.core.retentive_store.FORMAT", format_)
         store.save(VALUES)
         assert store.load() == VALUES
     with pytest.raises(DamagedStoreError, match="checksum or format does not match"):
+        store.load()
+
+
+@pytest.mark.parametrize("name", ["FORMAT", "MARK_FORMAT"])
+def test_a_store_of_a_newer_program_is_refused_and_not_changed(
+    store: FileStore, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    with monkeypatch.context() as later:
+        known = getattr(retentive_store, name)
+        later.setattr(retentive_store, name, f"{known[:-1]}{int(known[-1]) + 1}")
+        store.save(VALUES)
+        store.confirm()
+    before = {path: path.read_bytes() for path in store.path.parent.iterdir()}
+    for use in (store.load, lambda: FileStore(store.path).save(VALUES)):
+        with pytest.raises(NewerStoreError, match="is newer than transplanter-retentive") as refused:
+            use()
+        assert "\n" not in str(refused.value)
+    assert {path: path.read_bytes() for path in store.path.parent.iterdir()} == before
+
+
+@pytest.mark.parametrize("lacking", ["store", "generation", "values"])
+def test_a_store_without_a_part_is_rejected_even_with_a_valid_checksum(store: FileStore, lacking: str) -> None:
+    store.save(VALUES)
+    content = json.loads(store.path.read_bytes())
+    del content["sha256"], content[lacking]
+    store.path.write_bytes(retentive_store._document(content))
+    with pytest.raises(DamagedStoreError, match="not a retentive store"):
         store.load()
 
 
@@ -282,14 +323,18 @@ def test_a_failed_write_preserves_the_old_state(store: FileStore) -> None:
 
 def test_a_damaged_file_is_renamed_and_a_new_store_can_be_written(store: FileStore) -> None:
     store.save(VALUES)
-    for content in ("first damage", "second damage"):
+    for number, content in enumerate(("first damage", "second damage"), start=1):
         store.path.write_text(content)
         aside, mark_aside = store.set_aside()
         assert (aside.parent, aside.read_text()) == (store.path.parent, content)
-        assert mark_aside.name == "retentive.json.mark.damaged"
+        assert (aside.name, mark_aside.name) == (
+            f"retentive.json.damaged-{number}",
+            f"retentive.json.damaged-{number}.mark",
+        )
         assert store.load() is None
         store.save(VALUES)
         assert store.load() == VALUES
+    assert aside.with_name("retentive.json.damaged-1").read_text() == "first damage"
 
 
 def test_the_new_state_is_synchronized_before_the_rename_and_the_folder_before_saving_ends(

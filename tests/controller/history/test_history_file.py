@@ -1,8 +1,9 @@
-"""History file: size limit, and damaged, foreign, newer or locked files."""
+"""History file: size limit, and damaged, foreign, incomplete, newer or locked files."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
@@ -12,7 +13,7 @@ import pytest
 
 from controller.events.kinds import TrayEvent
 from controller.history.file import HistoryFile, HistoryRow, WalBusyError
-from controller.history.query import open_history
+from controller.history.query import HistoryReader, open_history
 from controller.history.schema import HistoryError
 from tests.controller.history.history_rig import WALL_MS, history, is_sound, table
 
@@ -133,7 +134,62 @@ def truncated(path: Path) -> None:
     os.truncate(path, 30_000)
 
 
-@pytest.mark.parametrize("damage", [garbage, hole, truncated])
+def foreign(path: Path) -> None:
+    path.unlink(missing_ok=True)
+    with closing(sqlite3.connect(path)) as db:
+        db.executescript("CREATE TABLE notes (text); INSERT INTO notes VALUES ('mine');")
+
+
+def altered(path: Path, statement: str) -> None:
+    filled(path, 4 * MB, 1).close()
+    with closing(sqlite3.connect(path)) as db:
+        db.execute(statement)
+
+
+def without_runs(path: Path) -> None:
+    altered(path, "DROP TABLE runs")
+
+
+def with_another_column(path: Path) -> None:
+    altered(path, "ALTER TABLE cycles DROP COLUMN missed_cups")
+
+
+def overwritten(path: Path, place: int, content: bytes) -> None:
+    filled(path, 4 * MB, 1).close()
+    with path.open("r+b") as file:
+        file.seek(place)
+        file.write(content)
+
+
+def unknown_schema_format(path: Path) -> None:
+    overwritten(path, 44, b"\0\0\0\xff")
+
+
+def unknown_write_format(path: Path) -> None:
+    """Make a file that SQLite would open for reading only."""
+    overwritten(path, 18, b"\3")
+
+
+def damaged_statement(path: Path) -> None:
+    """Make a file for which the error of SQLite is no valid text."""
+    filled(path, 4 * MB, 1).close()
+    overwritten(path, path.read_bytes().index(b"TABLE runs"), b"\xff")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        garbage,
+        hole,
+        truncated,
+        foreign,
+        without_runs,
+        with_another_column,
+        unknown_schema_format,
+        unknown_write_format,
+        damaged_statement,
+    ],
+)
 def test_a_damaged_file_is_renamed_and_logged_in_one_line(
     damage: Callable[[Path], None], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -141,6 +197,7 @@ def test_a_damaged_file_is_renamed_and_logged_in_one_line(
     for number in (1, 2):
         damage(path)
         damaged = path.read_bytes()
+        assert HistoryReader(path).problem is not None or damage in {hole, truncated, unknown_write_format}
         with history(path) as writer:
             writer.write(TrayEvent(10, number))
         assert (tmp_path / f"history.sqlite.damaged-{number}").read_bytes() == damaged
@@ -148,11 +205,6 @@ def test_a_damaged_file_is_renamed_and_logged_in_one_line(
         assert len(caplog.messages) == number
         assert f"renamed to {path}.damaged-{number}" in caplog.messages[-1]
         assert "\n" not in caplog.messages[-1]
-
-
-def foreign(path: Path) -> None:
-    with closing(sqlite3.connect(path)) as db:
-        db.executescript("CREATE TABLE notes (text); INSERT INTO notes VALUES ('mine');")
 
 
 def newer(path: Path) -> None:
@@ -173,7 +225,6 @@ def a_file_above(path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "expected"),
     [
-        (foreign, "is not a history; specify a file written by a controller"),
         (newer, "schema 2 is newer than schema 1 of this program; use the program version that wrote the file"),
         (a_folder, "is a folder, not a file"),
         (a_file_above, "choose a writable file"),
@@ -193,6 +244,48 @@ def test_an_unusable_file_is_rejected_in_one_line_and_not_changed(
     assert "\n" not in str(error.value)
     assert before is None or path.read_bytes() == before
     assert list(tmp_path.rglob("*.damaged*")) == []
+
+
+def copied_with_its_log(path: Path) -> None:
+    """Make a history whose newer schema is only in its write-ahead log, as after a crash."""
+    origin = path.with_name("origin.sqlite")
+    filled(origin, 4 * MB, 1).close()
+    with closing(sqlite3.connect(origin)) as db:
+        db.execute("PRAGMA user_version = 2")
+        for ending in ("", "-wal"):
+            shutil.copy(f"{origin}{ending}", f"{path}{ending}")
+
+
+@pytest.mark.parametrize("make", [newer, copied_with_its_log])
+def test_a_newer_history_is_not_opened_for_writing(make: Callable[[Path], None], tmp_path: Path) -> None:
+    """Opening it would empty its write-ahead log."""
+    path = tmp_path / "history.sqlite"
+    make(path)
+    parts = [path, path.with_name(f"{path.name}-wal")]
+    before = [part.read_bytes() for part in parts if part.exists()]
+    assert len(before) == (1 if make is newer else 2)
+    with pytest.raises(HistoryError, match="schema 2 is newer"), history(path):
+        pass
+    assert [part.read_bytes() for part in parts if part.exists()] == before
+
+
+def test_a_database_in_use_by_another_program_is_not_renamed(tmp_path: Path) -> None:
+    path = tmp_path / "history.sqlite"
+    foreign(path)
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(HistoryError, match="database is locked"), history(path):
+            pass
+    assert list(tmp_path.glob("*.damaged*")) == []
+
+
+def test_a_damaged_row_does_not_end_the_answer_to_a_panel(tmp_path: Path) -> None:
+    path = tmp_path / "history.sqlite"
+    file = HistoryFile(path, 4 * MB)
+    details = ('{"side":"left"}', "[" * 100_000, "{")
+    file.append([run_row(), *(HistoryRow("events", WALL_MS, 0, ("row", 1, "", detail)) for detail in details)])
+    file.close()
+    assert [row["detail"] for row in HistoryReader(path).events()] == [None, None, {"side": "left"}]
 
 
 def test_a_limit_below_the_minimum_is_rejected(tmp_path: Path) -> None:

@@ -292,6 +292,7 @@ class Certificates:
         files = folder / f"{name}.pem", folder / f"{name}.key"
         issued.cert_chain_pems[0].write_to_path(files[0])
         issued.private_key_pem.write_to_path(files[1])
+        files[1].chmod(0o600)
         return files
 
     def options(self, *, ask_clients: bool = False) -> HmiOptions:
@@ -377,6 +378,14 @@ def test_key_or_clients_without_a_certificate_are_refused(options: HmiOptions) -
 def test_missing_certificate_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ServerError, match=r"none\.pem"):
         HmiRig(options=HmiOptions(certificate=str(tmp_path / "none.pem")))
+
+
+def test_a_key_that_others_can_read_is_refused(tmp_path: Path) -> None:
+    certificates = Certificates(tmp_path)
+    certificates.server_key.chmod(0o644)
+    with pytest.raises(ServerError, match=f"--hmi-key {certificates.server_key}: accessible to other users") as error:
+        HmiRig(options=certificates.options())
+    assert "\n" not in str(error.value)
 
 
 # --- endurance ------------------------------------------------------------------------------------

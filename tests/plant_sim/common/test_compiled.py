@@ -14,7 +14,9 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import plant_sim
+from plant_sim.common import compiled
 from plant_sim.common.compiled import CACHE_SOURCES, cache_folder, cache_sources
+from tests.controller.common.trust_rig import private_folders
 
 PACKAGE = Path(plant_sim.__file__).parent
 WITHOUT_HOME = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
@@ -76,6 +78,22 @@ def test_the_cache_folder_is_that_of_the_user(
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     assert cache_folder() == Path(expected).expanduser()
+
+
+def test_a_cache_folder_that_others_can_write_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    folder = compiled._version_folder.__wrapped__()
+    assert folder is not None
+    assert folder.parent == tmp_path
+    for exposed in (folder, tmp_path):
+        exposed.chmod(0o777)
+        with private_folders(monkeypatch):
+            private = compiled._version_folder.__wrapped__()
+            assert private is not None
+            assert private.name == folder.name
+            assert not private.is_relative_to(tmp_path)
+        exposed.chmod(0o700)
+    assert compiled._version_folder.__wrapped__() == folder
 
 
 CHARGE = """

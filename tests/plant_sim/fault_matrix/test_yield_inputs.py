@@ -13,6 +13,7 @@ from plant_sim.fault_matrix.run import MatrixSetup, run_case
 from plant_sim.faults import FAULTS, Fault, FaultError
 from plant_sim.stories.drawn.draw import menu_of
 from plant_sim.twin.lock_step import Twin
+from tests.sampling import first_of
 from tests.wiring import YIELD, wired
 
 IN_MS = 30_000
@@ -33,16 +34,19 @@ def setting(tmp_path_factory: pytest.TempPathFactory) -> MatrixSetup:
 
 @pytest.mark.parametrize(
     ("kind", "target", "size", "signals"),
-    [
-        ("jammed", "left.claws", None, {"row short"}),
-        ("slow_valve", "left.claws", 0.5, {"row short"}),
-        ("leak", "right.claws.minus", 2e-8, {"claw pressure", "close claws"}),
-        ("stuck_valve", "right.claws", None, {"open claws", "close claws"}),
-        ("skewed_tray", "magazine", 0.008, {"row short"}),
-        ("stuck_on", "left.cup_filled", None, {"row short"}),
-        ("stuck_off", "right.seedling_beam", None, {"row short"}),
-        ("stuck_on", "right.claw_pressure", None, {"open claws"}),
-    ],
+    first_of(
+        [
+            ("leak", "right.claws.minus", 2e-8, {"claw pressure", "close claws"}),
+            ("skewed_tray", "magazine", 0.008, {"row short"}),
+            ("stuck_on", "right.claw_pressure", None, {"open claws"}),
+            ("jammed", "left.claws", None, {"row short"}),
+            ("slow_valve", "left.claws", 0.5, {"row short"}),
+            ("stuck_valve", "right.claws", None, {"open claws", "close claws"}),
+            ("stuck_on", "left.cup_filled", None, {"row short"}),
+            ("stuck_off", "right.seedling_beam", None, {"row short"}),
+        ],
+        3,
+    ),
 )
 def test_a_fault_that_was_silent_is_told_as_expected(
     setting: MatrixSetup, kind: str, target: str, size: float | None, signals: set[str]

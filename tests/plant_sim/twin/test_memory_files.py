@@ -29,7 +29,7 @@ def alarms(events: list[dict[str, object]]) -> list[object]:
 
 def test_an_old_copy_of_the_memory_is_set_aside_and_the_operator_is_asked(tmp_path: Path) -> None:
     """The memory of the first run is put back after the second one; the third one starts with a new store."""
-    memory, mark = tmp_path / "retentive.json", tmp_path / "retentive.json.mark"
+    memory = tmp_path / "retentive.json"
     with plant_thread() as port:
         first_events(port, tmp_path, count=1)
         copy = memory.read_bytes()
@@ -38,10 +38,10 @@ def test_an_old_copy_of_the_memory_is_set_aside_and_the_operator_is_asked(tmp_pa
         memory.write_bytes(copy)
         events, errors = first_events(port, tmp_path)
         assert f"{memory}: an old copy: the mark says " in errors
-        assert f"; renamed to {memory}.damaged and {mark}.damaged\n" in errors
+        assert f"; renamed to {memory}.damaged-1 and {memory}.damaged-1.mark\n" in errors
         assert NOT_IN_ORDER not in errors
         assert alarms(events) == [MEMORY_LOST]
-        assert (tmp_path / "retentive.json.damaged").read_bytes() == copy
+        assert (tmp_path / "retentive.json.damaged-1").read_bytes() == copy
         events, errors = first_events(port, tmp_path, count=1)
     assert "retentive memory is lost" not in errors
 
@@ -73,7 +73,7 @@ def test_only_a_run_that_was_killed_is_reported_as_such(tmp_path: Path, end: sig
     assert left is not None
     assert (NOT_IN_ORDER in errors) is (end == signal.SIGKILL) is store.interrupted
     assert alarms(events) == []
-    assert [path.name for path in tmp_path.glob("*.damaged")] == []
+    assert [path.name for path in tmp_path.glob("*.damaged*")] == []
 
 
 def killed_before_the_first_scan(tmp_path: Path) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -249,7 +249,7 @@ def test_a_damaged_store_is_reported_and_set_aside(tmp_path: Path) -> None:
         events = [json.loads(controller.next_line(WAIT_S) or "{}") for _ in range(2)]
     assert {"state", "alarm"} == {event["event"] for event in events}
     assert "memory" in next(event["text"] for event in events if event["event"] == "alarm")
-    assert (tmp_path / "retentive.json.damaged").exists()
+    assert (tmp_path / "retentive.json.damaged-1").exists()
 
 
 def test_a_start_names_its_constants_and_believes_no_impossible_memory(tmp_path: Path) -> None:

@@ -11,19 +11,22 @@ import hmac
 import ipaddress
 import os
 import secrets
-import stat
 from collections.abc import Mapping
+from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from controller.common.errors import InputError
+from controller.common.files.trust import secret_exposure
 from controller.core.clock import Clock
 
 User = Literal["operate", "maintain"]
 USERS: Final[tuple[User, User]] = ("operate", "maintain")
+FORMAT: Final = 1
+"""Format of the users file."""
 PASSWORD_MIN: Final = 8
 PASSWORD_MAX: Final = 128
 """Length limits of a password, characters."""
@@ -67,6 +70,13 @@ class Cost(BaseModel):
     r: Annotated[int, Field(ge=1, le=32)] = 8
     p: Annotated[int, Field(ge=1, le=16)] = 3
 
+    @field_validator("n")
+    @classmethod
+    def _power_of_two(cls, n: int) -> int:
+        if n & (n - 1):
+            raise ValueError("must be a power of two")
+        return n
+
 
 class _StoredPassword(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -79,12 +89,19 @@ class _StoredPassword(BaseModel):
 class _UsersFile(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    format: Literal[1] = 1
+    format: Literal[1] = FORMAT
     users: dict[User, _StoredPassword]
 
 
+class _Format(BaseModel):
+    format: int
+
+
 class Users:
-    """Passwords of the two users, stored in a file."""
+    """Passwords of the two users, stored in a file.
+
+    A file that cannot be used ends the start and is not renamed: without a file, whoever comes first sets passwords.
+    """
 
     def __init__(self, path: Path, cost: Cost | None = None) -> None:
         """Read the file; if there is no file, no passwords are set.
@@ -94,7 +111,7 @@ class Users:
             cost: Scrypt parameters of new passwords.
 
         Raises:
-            UsersFileError: The file is unreadable, corrupt, or accessible to other users.
+            UsersFileError: The file is unreadable, corrupt, newer, or accessible to other users.
         """
         self._path = path
         self._cost = cost or Cost()
@@ -131,20 +148,26 @@ class Users:
         return _StoredPassword(cost=self._cost, salt=salt.hex(), hash=_scrypt(password, salt, self._cost).hex())
 
     def _read(self) -> None:
+        problem = None
         try:
-            mode = self._path.stat().st_mode
+            problem = secret_exposure(self._path)
             text = self._path.read_text(encoding="utf-8")
         except FileNotFoundError:
-            return
+            text = None
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "is corrupt"
             raise UsersFileError(f"--users {self._path}: {reason}; specify a readable file, or remove it") from error
-        if stat.S_IMODE(mode) & 0o077:
-            raise UsersFileError(f"--users {self._path}: accessible to other users; run chmod 600 on it")
+        if problem is not None:  # also without a file: whoever can remove it can set the passwords
+            raise UsersFileError(f"--users {problem}")
+        if text is None:
+            return
         try:
             stored = _UsersFile.model_validate_json(text).users
         except ValidationError as error:
-            raise UsersFileError(f"--users {self._path}: is corrupt; remove it and set both passwords again") from error
+            problem = "is corrupt; remove it and set both passwords again"
+            if _is_newer(text):
+                problem = "is newer than this program; use the program version that wrote it, or choose another file"
+            raise UsersFileError(f"--users {self._path}: {problem}") from error
         if set(stored) != set(USERS):
             raise UsersFileError(
                 f"--users {self._path}: must define {' and '.join(USERS)}; remove it and set both passwords again"
@@ -165,6 +188,12 @@ class Users:
         except OSError:
             temporary.unlink(missing_ok=True)
             raise
+
+
+def _is_newer(text: str) -> bool:
+    with suppress(ValidationError):
+        return _Format.model_validate_json(text).format > FORMAT
+    return False
 
 
 def _scrypt(password: str, salt: bytes, cost: Cost) -> bytes:

@@ -85,9 +85,16 @@ export function duration(ms) {
   return t("duration.h", { h: Math.floor(total / 3600), min: Math.floor((total % 3600) / 60) });
 }
 
-/** Return a wall-clock time in the local time zone. */
+/** Return a wall-clock time in the local time zone, with its UTC offset. */
 export function wallClock(utcMs) {
-  return new Date(utcMs).toLocaleString(selected === "zh" ? "zh-CN" : "en-GB");
+  return withOffset(new Date(utcMs).toLocaleString(selected === "zh" ? "zh-CN" : "en-GB"), utcMs);
+}
+
+/** Return a local time with its UTC offset, as in 02:30:00 +02:00: an hour is repeated when daylight saving time ends. */
+export function withOffset(time, utcMs) {
+  const minutes = -new Date(utcMs).getTimezoneOffset();
+  const [hour, minute] = [Math.floor(Math.abs(minutes) / 60), Math.abs(minutes) % 60].map((part) => String(part).padStart(2, "0"));
+  return `${time} ${minutes < 0 ? "-" : "+"}${hour}:${minute}`;
 }
 
 /** Return the time of day in the local time zone: hours and minutes. */

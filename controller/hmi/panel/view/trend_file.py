@@ -1,7 +1,7 @@
 """File of the trends: the periods of the last hours in a SQLite database, so that a restart of the panel keeps them.
 
-The file is a convenience: while it is locked, damaged or cannot be written, the panel records in memory and tries again
-at the next write.
+The file is a convenience: while it is locked or cannot be written, the panel records in memory and tries again at the
+next write. A file that is damaged or a database of another program is renamed; one of a newer program is not changed.
 """
 
 from __future__ import annotations
@@ -10,26 +10,40 @@ import json
 import logging
 import sqlite3
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, TypeVar
 
+from controller.common.errors import InputError
+from controller.common.files.database import PARTS, check_tables, is_damage, is_empty, number, read_only
+from controller.common.files.set_aside import set_aside
 from controller.hmi.panel.view.trend_periods import Spread, TrendPeriod
 
 APPLICATION: Final = 0x54505452
 """`PRAGMA application_id`: "TPTR", which distinguishes the file from databases of other programs."""
+SCHEMA: Final = 0
+"""`PRAGMA user_version`: incremented whenever the table changes."""
 BUSY_S: Final = 1.0
 """Longest wait for a lock of the database, s."""
 
+_TABLES: Final = {"periods": {"id": "INTEGER", "utc_ms": "INTEGER", "for_ms": "INTEGER", "spreads": "TEXT"}}
 _CREATE: Final = f"""
 BEGIN;
 CREATE TABLE periods (id INTEGER PRIMARY KEY, utc_ms INTEGER, for_ms INTEGER, spreads TEXT);
 PRAGMA application_id = {APPLICATION};
+PRAGMA user_version = {SCHEMA};
 COMMIT;
 """
+
+_REMEDY: Final = "choose a writable file that no other panel uses"
 
 _log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
+
+
+class NewerTrendsError(InputError):
+    """Raised for a file of a newer program, which is not changed; the message is one line with the remedy."""
 
 
 class TrendFile:
@@ -49,6 +63,15 @@ class TrendFile:
         self._most_rows = most_rows
         self._db: sqlite3.Connection | None = None
         self._problem = ""
+
+    def check(self) -> None:
+        """Check at the start of the panel that the file is not one of a newer program.
+
+        Raises:
+            NewerTrendsError: Its schema is newer.
+        """
+        with suppress(sqlite3.Error, OSError):  # reported when the file is used
+            _check_unopened(self._path)
 
     def load(self, names: Sequence[str], since_ms: int, until_ms: int) -> list[TrendPeriod]:
         """Return the periods of an interval in chronological order; none if the file cannot be read.
@@ -88,11 +111,14 @@ class TrendFile:
         try:
             self._db = self._db or _open(self._path)
             result = use(self._db)
-        except (sqlite3.OperationalError, OSError) as error:
-            self._fail(f"{error}; choose a writable file that no other panel uses")
-        except (sqlite3.DatabaseError, ValueError, TypeError) as error:
+        except NewerTrendsError as error:
+            self._fail(str(error).removeprefix(f"{self._path}: "))
+        except (sqlite3.Error, ValueError, TypeError, RecursionError) as error:
             self.close()
-            self._fail(f"{error}; {self._set_aside()}")
+            damaged = not isinstance(error, sqlite3.Error) or is_damage(error)
+            self._fail(f"{error}; {self._set_aside() if damaged else _REMEDY}")
+        except OSError as error:
+            self._fail(f"{error}; {_REMEDY}")
         else:
             self._problem = ""
             return result
@@ -105,10 +131,9 @@ class TrendFile:
         self._problem = problem
 
     def _set_aside(self) -> str:
-        """Rename a damaged file in place of an earlier one; return the result as text."""
-        aside = self._path.with_name(f"{self._path.name}.damaged")
+        """Rename a file that cannot be used; return the result as text."""
         try:
-            self._path.replace(aside)
+            aside, *_ = set_aside(self._path, PARTS)
         except OSError as error:
             return f"cannot be renamed ({error.strerror}), delete it"
         return f"renamed to {aside.name}"
@@ -118,25 +143,41 @@ def _open(path: Path) -> sqlite3.Connection:
     """Open or create the database, for this process alone.
 
     Raises:
-        sqlite3.OperationalError: The file cannot be opened, is in use, or is a database of another program.
-        sqlite3.DatabaseError: The file is damaged.
+        NewerTrendsError: The file is one of a newer program.
+        sqlite3.OperationalError: The file cannot be opened or is in use.
+        sqlite3.DatabaseError: The file is damaged or a database of another program.
         OSError: The folder cannot be created.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    _check_unopened(path)
     db = sqlite3.connect(path, timeout=BUSY_S, check_same_thread=False)
     try:
         db.execute("PRAGMA locking_mode = EXCLUSIVE")
         db.execute("PRAGMA synchronous = NORMAL")
-        (application,) = db.execute("PRAGMA application_id").fetchone()
-        (tables,) = db.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        if not tables:
+        if is_empty(db):
             db.executescript(_CREATE)
-        elif application != APPLICATION:
-            raise sqlite3.OperationalError("is a database of another program")
     except BaseException:
         db.close()
         raise
     return db
+
+
+def _check_unopened(path: Path) -> None:
+    """Check a file, if there is one, without changing it; see `_open` for the errors."""
+    if not path.exists():
+        return
+    with read_only(path, BUSY_S) as db:
+        if is_empty(db):
+            return
+        if number(db, "PRAGMA application_id") != APPLICATION:
+            raise sqlite3.DatabaseError("is a database of another program")
+        version = number(db, "PRAGMA user_version")
+        if version > SCHEMA:
+            raise NewerTrendsError(
+                f"{path}: schema {version} is newer than schema {SCHEMA} of this program; use the program version that "
+                "wrote the file, or choose another file"
+            )
+        check_tables(db, _TABLES)
 
 
 def _spreads(names: Sequence[str], row: TrendPeriod) -> str:

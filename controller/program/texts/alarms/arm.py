@@ -28,6 +28,7 @@ ARM_ALARMS: Final = {
             "An arm at rest is no longer at its home position. The machine is held.", "静止的臂已不在原位。机器已保持。"
         ),
         (
+            "not in service",
             "pushed",
             "lift leak",
             "lower switch off",

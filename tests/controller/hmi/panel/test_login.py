@@ -61,11 +61,19 @@ def test_passwords_are_salted_hashes_in_a_private_file(tmp_path: Path) -> None:
     assert not again.matches("", "")
 
 
+def with_scrypt_n(n: int) -> str:
+    stored = {"cost": {"n": n}, "salt": "0" * 32, "hash": "0" * 64}
+    return json.dumps({"format": 1, "users": {"operate": stored, "maintain": stored}})
+
+
 @pytest.mark.parametrize(
     ("text", "mode", "wrong"),
     [
         ("{", 0o600, "corrupt"),
-        ('{"format":2,"users":{}}', 0o600, "corrupt"),
+        ('{"format":0,"users":{}}', 0o600, "corrupt"),
+        ('{"format":2,"users":[]}', 0o600, "newer than this program"),
+        ('{"users":' * 100_000, 0o600, "corrupt"),
+        (with_scrypt_n(3), 0o600, "corrupt"),
         ('{"format":1,"users":{}}', 0o600, "must define"),
         ("{}", 0o640, "chmod 600"),
     ],
@@ -77,6 +85,21 @@ def test_invalid_or_unsafe_users_file_is_refused(tmp_path: Path, text: str, mode
     with pytest.raises(UsersFileError, match=wrong) as raised:
         Users(path)
     assert "\n" not in str(raised.value)
+    assert [each.name for each in tmp_path.iterdir()] == [path.name], "a renamed file would be a first run"
+    assert path.read_text() == text
+
+
+@pytest.mark.parametrize("has_file", [True, False])
+def test_a_users_file_that_others_could_replace_is_refused(tmp_path: Path, has_file: bool) -> None:
+    """Without a file, the first one to set passwords would be let in."""
+    path = tmp_path / "shared" / "users.json"
+    if has_file:
+        Users(path, CHEAP).set_first({"operate": "operate-1", "maintain": "maintain-1"})
+        Users(path)
+    path.parent.mkdir(exist_ok=True)
+    path.parent.chmod(0o777)
+    with pytest.raises(UsersFileError, match=f"--users {path.parent}: other users can write it; run chmod go-w on it"):
+        Users(path)
 
 
 def test_passwords_that_cannot_be_stored_are_not_set(tmp_path: Path) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import sqlite3
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from controller.hmi.panel.view import trend_file, trends
-from controller.hmi.panel.view.trend_file import TrendFile
+from controller.hmi.panel.view.trend_file import NewerTrendsError, TrendFile
 from controller.hmi.panel.view.trend_periods import TrendPeriod
 from controller.hmi.panel.view.trends import (
     MOST_PERIODS,
@@ -135,7 +136,7 @@ def test_a_damaged_file_is_set_aside_and_stops_nothing(
     assert known(values(recorder.answer(SAMPLED_MS))["mean"]) == [390.0] * 10
     recorder.close()
     assert stored(path) == [NOON_MS, NOON_MS + PERIOD_MS]
-    aside = path.with_name("trends.sqlite.damaged")
+    aside = path.with_name("trends.sqlite.damaged-1")
     assert aside.exists() == (content != b"")
     assert [record.message.count("\n") for record in caplog.records] == [0] * aside.exists()
 
@@ -151,10 +152,14 @@ def test_a_file_with_damaged_pages_is_set_aside(path: Path) -> None:
     after.record([391.0] * 100)
     after.close()
     assert len(stored(path)) == 2
-    assert path.with_name("trends.sqlite.damaged").exists()
+    assert path.with_name("trends.sqlite.damaged-1").exists()
 
 
-@pytest.mark.parametrize("spreads", ["[1]", "{", '{"main_pressure_kpa": [1, 2]}', '{"main_pressure_kpa": ["a", 1, 2]}'])
+@pytest.mark.parametrize(
+    "spreads",
+    ["[1]", "{", "[" * 100_000, '{"main_pressure_kpa": [1, 2]}', '{"main_pressure_kpa": ["a", 1, 2]}'],
+    ids=["list", "cut", "nested", "short", "text"],
+)
 def test_a_period_that_is_none_is_damage(path: Path, spreads: str) -> None:
     recorder = Recorder(path)
     recorder.record([390.0] * 100)
@@ -164,7 +169,7 @@ def test_a_period_that_is_none_is_damage(path: Path, spreads: str) -> None:
         db.execute("UPDATE periods SET spreads = ? WHERE id = 1", (spreads,))
     db.close()
     assert known(values(Recorder(path, at_ms=recorder.at_ms).answer(HOUR_MS))["mean"]) == []
-    assert path.with_name("trends.sqlite.damaged").exists()
+    assert path.with_name("trends.sqlite.damaged-1").exists()
 
 
 def test_the_file_of_another_panel_is_not_touched_and_written_once_it_is_free(
@@ -187,18 +192,55 @@ def test_the_file_of_another_panel_is_not_touched_and_written_once_it_is_free(
     assert stored(path) == [NOON_MS + n * PERIOD_MS for n in range(4)]
 
 
-def test_a_database_of_another_program_is_left_as_it_is(path: Path) -> None:
-    path.parent.mkdir()
-    db = sqlite3.connect(path)
-    with db:
-        db.execute("CREATE TABLE periods (id INTEGER PRIMARY KEY, utc_ms, for_ms, spreads)")
-    db.close()
+def make_database(path: Path, *statements: str) -> None:
+    path.parent.mkdir(exist_ok=True)
+    with closing(sqlite3.connect(path)) as db:
+        db.executescript("; ".join(statements))
+
+
+PERIODS = "CREATE TABLE periods (id INTEGER PRIMARY KEY, utc_ms INTEGER, for_ms INTEGER, spreads TEXT)"
+OWN = f"PRAGMA application_id = {trend_file.APPLICATION}"
+
+
+@pytest.mark.parametrize(
+    ("statements", "reason"),
+    [
+        ((PERIODS,), "is a database of another program"),
+        ((OWN, "CREATE TABLE later (id)"), "table periods is missing"),
+        ((OWN, "CREATE TABLE periods (id INTEGER PRIMARY KEY, utc_ms)"), "table periods has other columns"),
+    ],
+)
+def test_a_foreign_or_incomplete_file_is_set_aside_unchanged(
+    path: Path, statements: tuple[str, ...], reason: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    for number in (1, 2):
+        make_database(path, *statements)
+        before = path.read_bytes()
+        recorder = Recorder(path)
+        recorder.record([390.0] * 100)
+        recorder.close()
+        assert path.with_name(f"trends.sqlite.damaged-{number}").read_bytes() == before
+        assert len(stored(path)) == 2
+        assert len(caplog.messages) == number
+        assert f"{path}: {reason}; renamed to trends.sqlite.damaged-{number}" in caplog.messages[-1]
+        path.unlink()
+
+
+def test_a_file_of_a_newer_program_is_refused_at_the_start_and_never_changed(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    make_database(path, PERIODS, OWN, "PRAGMA user_version = 1")
     before = path.read_bytes()
-    recorder = Recorder(path)
+    with pytest.raises(NewerTrendsError, match=f"{path}: schema 1 is newer than schema 0") as refused:
+        TrendFile(path, MOST_PERIODS).check()
+    assert "\n" not in str(refused.value)
+    recorder = Recorder(path)  # exchanged while the panel runs
     recorder.record([390.0] * 100)
     recorder.close()
-    assert path.read_bytes() == before
     assert known(values(recorder.answer(SAMPLED_MS))["mean"]) == [390.0] * 10
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+    assert path.read_bytes() == before
+    assert [message.count(str(path)) for message in caplog.messages] == [1]
 
 
 def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:

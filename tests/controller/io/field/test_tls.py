@@ -13,6 +13,7 @@ import pytest
 import trustme
 
 from controller.common.errors import InputError
+from controller.io.field.field_file import FieldFileError
 from controller.io.link import LinkError
 from tests.controller.io.field.field_rig import (
     INPUT_TAGS,
@@ -43,6 +44,7 @@ class Security:
         client = self.authority.issue_cert("controller@farm.example")
         client.cert_chain_pems[0].write_to_path(folder / "own.pem")
         client.private_key_pem.write_to_path(folder / "own.key")
+        (folder / "own.key").chmod(0o600)
         self.context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         self.context.verify_mode = ssl.CERT_REQUIRED
         self.authority.configure_trust(self.context)
@@ -62,6 +64,13 @@ def one_box(stack: ExitStack, folder: Path, way: str, timeout_ms: int = PATIENT_
     rig = FieldRig(file_of(folder, device("cabinet", "coils", way, tags, timeout_ms=timeout_ms)), [])
     stack.callback(rig.link.close)
     return rig
+
+
+def test_a_key_that_others_can_read_is_refused(stack: ExitStack, tmp_path: Path) -> None:
+    Security(tmp_path)
+    (tmp_path / "own.key").chmod(0o604)
+    with pytest.raises(FieldFileError, match=r"key: .*own\.key: accessible to other users; run chmod 600 on it$"):
+        one_box(stack, tmp_path, tls_way(1))
 
 
 def test_a_device_with_tls(stack: ExitStack, tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from plant_sim.twin.monitors import guard
 from plant_sim.twin.recovery import clear, home_again, press_emergency_stop
 from tests.controller.export.fx_equality import Pair
 from tests.plant_sim.twin.twin_rig import moving_outputs
+from tests.sampling import first_of
 from tests.wiring import DELIVERED, YIELD, wired
 
 
@@ -81,7 +82,7 @@ def test_the_delivered_program_has_no_trace_of_the_inputs() -> None:
     assert all(arm.closed == arm.t_closing.done for arm in machine.tags.arms.values())
 
 
-@pytest.mark.parametrize("io_map", [PRESSURE, BEAM, CUP_SENSOR, ALL], ids=["pressure", "beam", "cups", "all"])
+@pytest.mark.parametrize("io_map", first_of([ALL, PRESSURE, BEAM, CUP_SENSOR]), ids=["all", "pressure", "beam", "cups"])
 def test_a_sound_trial_completes_without_an_alarm(io_map: IoMap) -> None:
     twin = at_work(io_map, trays=2)
     twin.run_until_state(State.COMPLETE, within_ms=300_000)
@@ -142,7 +143,7 @@ def test_missing_stems_are_told_before_the_row_is_released(side: Side) -> None:
     assert twin.plant.counts().in_cups == CELLS_ALONG * COLUMNS - MISSING_MOST - 1
 
 
-@pytest.mark.parametrize("io_map", [BEAM, CUP_SENSOR, ALL], ids=["beam", "cups", "all"])
+@pytest.mark.parametrize("io_map", first_of([ALL, BEAM, CUP_SENSOR]), ids=["all", "beam", "cups"])
 def test_as_many_missing_seedlings_as_permitted_are_counted_and_not_told(io_map: IoMap) -> None:
     twin = at_work(io_map)
     for side in SIDES:

@@ -1,4 +1,4 @@
-"""Findings of random stories: planted defects are found, known causes are still needed, and 50 stories find nothing."""
+"""Findings of random stories: planted defects are found, known causes are needed, stories by chance find nothing."""
 
 from __future__ import annotations
 
@@ -30,18 +30,19 @@ def run_of(seed: int) -> StoryRun:
     return StoryRun(MACHINE, PARAMETERS, accepted_harm, seed=seed)
 
 
-def test_fifty_stories_find_nothing_new() -> None:
+@pytest.mark.parametrize(("count", "least_share", "most_never"), first_of([(20, 0.2, 8), (50, 0.3, 3)]))
+def test_stories_find_nothing_new(count: int, least_share: float, most_never: int) -> None:
     """No violated requirement, no exception, no machine that stays at rest, no silent harm without a known cause."""
     run = run_of(seed=1)
-    for number in range(50):
+    for number in range(count):
         run.play(number)
     run.minimise_findings(most_plays=20)
     lines = [*run.report.lines()]
     assert lines[-1] == "findings: none", "\n".join(lines)
-    assert run.report.count == 50
-    assert run.report.classes[HarmClass.NONE] < 45, "the stories disturb too little"
-    assert run.report.coverage.share_of_reached > 0.3
-    assert len(run.report.coverage.never) <= 3
+    assert run.report.count == count
+    assert run.report.classes[HarmClass.NONE] < 0.9 * count, "the stories disturb too little"
+    assert run.report.coverage.share_of_reached > least_share
+    assert len(run.report.coverage.never) <= most_never
 
 
 @pytest.mark.nightly
@@ -128,6 +129,14 @@ MENDED = (
     "seed=891 trays=3 work=30700; 9940 fault stuck_off:left.claws_spread for=970",
 )
 """Stories that did harm before the program asked about the tray, and checked cups and switches at every time."""
+
+
+def test_an_arm_that_a_damaged_memory_takes_out_of_service_works_again() -> None:
+    """Away from feed, it is off home after each homing until the operator returns it to service in Stopped."""
+    story = (
+        "seed=321 trays=3 work=43320; 24820 command stop; 34390 tend; 39920 tend; 43480 power damaged =0.416 for=330"
+    )
+    assert played(f"{story}; 44860 tend").harms == []
 
 
 @pytest.mark.parametrize("text", MENDED)

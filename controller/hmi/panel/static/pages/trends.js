@@ -2,7 +2,7 @@
 
 import { app, get, refuse } from "../app.js";
 import { make, mark, write } from "../dom.js";
-import { clampForce, clockTime, duration, t, wallClock } from "../texts.js";
+import { clampForce, clockTime, duration, t, wallClock, withOffset } from "../texts.js";
 import { TrendChart } from "./trend_chart.js";
 import { SPANS_MIN, TrendRange } from "./trend_range.js";
 
@@ -132,7 +132,7 @@ export class TrendsPage {
       const series = Object.fromEntries(names.filter((name) => name in found.series).map((name) => [name, readings(found.series[name], read)]));
       chart.show({ times: found.times, series }, [fromMs, toMs]);
     }
-    const from = wallClock(fromMs), to = clockTime(toMs, true);
+    const from = wallClock(fromMs), to = withOffset(clockTime(toMs, true), toMs);
     write(this.shown, t("trends.shown", { range: t("trends.from_to", { from, to }), step: stepMs < LEAST_FETCH_MS ? t("trends.ms", { ms: stepMs }) : duration(stepMs) }));
     write(this.none, this.charts.every(({ chart }) => chart.node.hidden) ? t("trends.none") : "");
     this.#mark();

@@ -209,8 +209,31 @@ def test_the_axis_shows_the_clock_of_the_operator(trends: Trends) -> None:
         shown = [at.strftime("%d/%m" if (at.hour, at.minute) == (0, 0) else "%H:%M") for at in local]
         assert plot.clock == shown
     expect(trends.screen.find("[data-part=trend-range]")).to_contain_text(
-        re.compile(r"\d\d:\d\d:\d\d to \d\d:\d\d:\d\d")
+        re.compile(r"\d\d:\d\d:\d\d \+08:00 to \d\d:\d\d:\d\d \+08:00")
     )
+
+
+@pytest.mark.parametrize(
+    ("zone", "before", "shown"),
+    [
+        ("Europe/Berlin", "2026-10-25T00:30Z", ["25/10/2026, 02:30:00 +02:00", "25/10/2026, 02:30:00 +01:00"]),
+        ("Europe/Berlin", "2026-03-29T00:30Z", ["29/03/2026, 01:30:00 +01:00", "29/03/2026, 03:30:00 +02:00"]),
+        ("America/St_Johns", "2026-01-01T03:30Z", ["01/01/2026, 00:00:00 -03:30", "01/01/2026, 01:00:00 -03:30"]),
+    ],
+)
+def test_two_times_an_hour_apart_differ_on_the_page(trends: Trends, zone: str, before: str, shown: list[str]) -> None:
+    browser = trends.page.context.new_cdp_session(trends.page)
+    browser.send("Emulation.setTimezoneOverride", {"timezoneId": zone})
+    try:
+        times = trends.page.evaluate(
+            "async (at) => [0, 3600000].map(((texts) => (ms) => texts.wallClock(Date.parse(at) + ms))"
+            "(await import('/static/texts.js')))",
+            before,
+        )
+    finally:
+        browser.send("Emulation.setTimezoneOverride", {"timezoneId": ""})
+        browser.detach()
+    assert times == shown
 
 
 def test_half_a_day_has_the_dip_and_the_standstill(trends: Trends) -> None:

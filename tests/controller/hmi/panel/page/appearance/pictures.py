@@ -86,7 +86,7 @@ def machine_in(situation: str, folder: Path, browser: Browser) -> Iterator[Scree
     """Yield the page of an operator at a machine in a situation."""
     with (
         LiveMachine(folder, trays=3) as live,
-        PanelProcess(live, folder) as panel,
+        PanelProcess(live, folder, patient=True) as panel,
         Screen(browser, panel.url, "operate") as screen,
     ):
         live.until_state(State.STOPPED)
