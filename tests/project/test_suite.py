@@ -44,7 +44,10 @@ def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         ([], f"{PYTEST} -p tests.suite.budgets -p tests.suite.parts --enforce-budgets"),
         (["tests/controller/core", "-x"], f"{PYTEST} -p tests.suite.budgets tests/controller/core -x"),
-        (["-x", "--nightly", "program"], f"{PYTEST} -m nightly or more_examples tests/controller/program -x"),
+        (
+            ["-x", "--nightly", "program"],
+            f"{PYTEST} -m (nightly or more_examples) and not weekly tests/controller/program -x",
+        ),
         (["--weekly", "all"], f"{PYTEST} -m weekly tests"),
     ],
 )

@@ -48,7 +48,8 @@ class Part:
 
     def selection(self) -> tuple[str, ...]:
         """Return the options and paths with which pytest runs the part."""
-        marks = f"{NIGHTLY} or {MORE_EXAMPLES}" if self.mark == NIGHTLY else self.mark
+        by_night = f"({NIGHTLY} or {MORE_EXAMPLES}) and not {WEEKLY}"  # a weekly test in a file of nightly ones
+        marks = by_night if self.mark == NIGHTLY else self.mark
         return ("-m", marks, *self.paths)
 
 
