@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import sys
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from controller.common.capture import PROXY, Capture, CaptureHeader, CaptureWrit
 from controller.common.command_line import HelpFormatter, version
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION
+from controller.common.supervision.tasks import run_supervised
 from controller.core.clock import MonotonicClock, utc_ms, utc_text
 from controller.core.scan import Plc
 from controller.io.capture_proxy import Decoder, forward
@@ -77,7 +77,7 @@ def _record(options: argparse.Namespace) -> int:
         decoder = Decoder(io_map, writer, MonotonicClock())
         listen, field = ("127.0.0.1", options.listen_port), (options.host, options.port)
         try:
-            asyncio.run(forward(listen, field, decoder, options.stop, ready))
+            run_supervised(forward(listen, field, decoder, options.stop, ready))
         except OSError as error:
             options.file.unlink()
             raise InputError(f"--listen-port {options.listen_port}: {error.strerror}; choose a free port") from error

@@ -7,7 +7,13 @@ import contextlib
 from pathlib import Path
 
 from controller.cli.machine import add_io_map
-from controller.cli.run_field import add_field_arguments, check_field_numbers, field_plan, output_guard
+from controller.cli.run_field import (
+    add_field_arguments,
+    check_field_numbers,
+    field_plan,
+    output_guard,
+    require_watchdogs,
+)
 from controller.commissioning.checked_field import PERIOD_S, CheckedField
 from controller.commissioning.report import CheckReport, write_report
 from controller.commissioning.terminal import single_keys
@@ -69,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
             holder = guard.holder(io_map.safe_outputs())
         except OSError as error:
             raise InputError(f"check-io: {error}") from error
+        require_watchdogs(link, options)
         if holder:
             raise InputError(f"check-io: outputs are in use: {holder}; stop the other controller first")
         field = CheckedField(link, io_map, terminal, MonotonicClock(), options.stop)

@@ -8,7 +8,8 @@ from pathlib import Path
 from controller.cli.machine import add_io_map, machine_of
 from controller.common.document.rendering import reference_table, write_texts
 from controller.common.errors import InputError
-from controller.common.supervision.threads import THREADS
+from controller.common.supervision.tasks import TASKS
+from controller.common.supervision.threads import CALLS, THREADS
 from controller.core.devices import PROGRAM_RANGES, free_spans
 from controller.core.expr import Bit, Word, readable
 from controller.core.sequence import Sequence as StepSequence
@@ -307,14 +308,21 @@ def instruction_table(_: Transplanter) -> str:
 
 
 def thread_table(_: Transplanter) -> str:
-    """Return a table of the threads, their reasons and the consequence of an unexpected exception in each."""
-    rows = [(name, kind.blocks, kind.reaction.value) for name, kind in THREADS.items()]
-    heading = ("thread", "call that can block", "after an unexpected exception")
+    """Return tables of threads, calls and tasks, and the consequence of an unexpected exception in each."""
+    after = "after an unexpected exception"
+    threads = [(name, kind.blocks, kind.reaction.value) for name, kind in THREADS.items()]
+    tasks = [(name, kind.work, kind.reaction.value, kind.effect) for name, kind in TASKS.items()]
     return (
-        f"# Threads\n\n{GENERATED}\n\nThe scan runs in the main thread; an exception in it switches the outputs off. "
-        "Every other thread exists because a call in it can block. Errors that a thread expects, such as a full disk, "
-        "are handled where they arise. Any other exception is a defect: it is reported on standard error, and has the "
-        f"consequence in the table.\n\n{reference_table(heading, *rows)}"
+        f"# Threads and tasks\n\n{GENERATED}\n\nThe scan runs in the main thread; an exception in it switches the "
+        "outputs off. Every other thread exists because a call in it can block. Errors that a thread or a task "
+        "expects, such as a full disk, are handled where they arise. Any other exception is a defect: it is reported "
+        "on standard error (the first, tenth, hundredth time and so on), counted in the "
+        "[metrics](../panel.md#metrics), and has the consequence in the table.\n\n"
+        f"## Threads\n\n{reference_table(('thread', 'call that can block', after), *threads)}\n"
+        "## Tasks\n\nTasks and callbacks of the event loops of the device server, the panel, the capture proxy and "
+        f"the plant.\n\n{reference_table(('task', 'work', after, 'effect'), *tasks)}\n"
+        "## Calls\n\nCalls that can block, in threads of an event loop. The task that waits for the result is told of "
+        f"an exception, and has the consequence above.\n\n{reference_table(('call', 'reason'), *CALLS.items())}"
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import logging
 import socket
 import ssl
@@ -17,17 +16,20 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from controller.cli.machine import add_io_map, machine_of
+from controller.common.client_slots import is_loopback
 from controller.common.errors import InputError
 from controller.common.files.trust import secret_exposure
 from controller.common.modbus.address import listening_remedy
+from controller.common.supervision.tasks import run_supervised
 from controller.core.clock import MonotonicClock
 from controller.history.query import HistoryReader
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.telemetry import Telemetry, load_tags
-from controller.hmi.panel.orders.login import Users, is_loopback
+from controller.hmi.panel.orders.login import Users
 from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trends import MOST_PERIODS
 from controller.hmi.panel.web.app import PanelApplication, Sources, application
+from controller.hmi.panel.web.listener import PanelListener
 from controller.program.texts.operator import LANGUAGES
 
 LONGEST_MESSAGE: Final = 4_096
@@ -98,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
     if (options.telemetry is None) != (tags is None):
         raise InputError("--telemetry and --telemetry-tags must be used together")
     clock = MonotonicClock()
-    connect = _connection("--controller", options.controller)
+    connect = _connection("--controller", options.controller, is_named=True)
     telemetry = None
     if tags is not None:
         telemetry = Telemetry(_connection("--telemetry", options.telemetry)(), tags, clock)
@@ -107,7 +109,7 @@ def run(options: argparse.Namespace) -> int:
     trends.check()
     sources = Sources(machine, connect, telemetry, history, clock, options.language, trends)
     with _listening(options.host, options.port) as listener:
-        asyncio.run(_serve(sources, users, listener, options))
+        run_supervised(_serve(sources, users, listener, options))
     return 0
 
 
@@ -149,7 +151,8 @@ def server_config(app: ASGIApp, certificate: Path | None = None, key: Path | Non
 
 async def _serve(sources: Sources, users: Users, listener: socket.socket, options: argparse.Namespace) -> None:
     secure = options.certificate is not None
-    panel = PanelApplication(sources, users, secure=secure)
+    listener = PanelListener(listener, sources.clock)
+    panel = PanelApplication(sources, users, listener, secure=secure)
     config = server_config(application(panel, [options.host, *options.names]), options.certificate, options.key)
     logging.getLogger("uvicorn").setLevel(logging.WARNING)
     host, port = listener.getsockname()[:2]
@@ -197,10 +200,10 @@ def _check_tls(options: argparse.Namespace) -> None:
         ) from error
 
 
-def _connection(option: str, where: str) -> Callable[[], ModbusConnection]:
+def _connection(option: str, where: str, *, is_named: bool = False) -> Callable[[], ModbusConnection]:
     """Return a factory for connections to HOST:PORT."""
     host, _, port = where.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not port.isascii() or not port.isdecimal() or not 1 <= int(port[:6]) <= 65_535:
         raise InputError(f"{option} {where}: must be HOST:PORT, for example 127.0.0.1:5021")
-    return lambda: ModbusConnection(host, int(port))
+    return lambda: ModbusConnection(host, int(port), is_named=is_named)

@@ -17,6 +17,7 @@ from controller.cli.run_field import (
     field_plan,
     output_guard,
     print_places,
+    require_watchdogs,
     wait_for_field,
 )
 from controller.cli.run_operator import add_hmi_arguments, add_mitsubishi_arguments, operator_interfaces
@@ -43,6 +44,7 @@ from controller.core.retentive_store import DamagedStoreError, FileStore, NewerS
 from controller.core.scan import Plc
 from controller.hmi.access.tag_list import unit_of
 from controller.io.captured_plc import CapturedPlc
+from controller.io.field.field_file import FieldPlan
 from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.output_guard import ModbusOutputGuard
@@ -127,7 +129,8 @@ def run(options: argparse.Namespace) -> int:
     claim_real_time(options)
     machine = machine_of(options)
     plan = field_plan(machine.io_map, options)
-    link = DevicesLink(plan, machine.io_map)
+    figures = LoopFigures()
+    link = link_of(plan, machine.io_map, figures, options)
     _report_lamp(machine.io_map)
     if options.check:
         print_places(plan, machine.io_map)
@@ -146,12 +149,12 @@ def run(options: argparse.Namespace) -> int:
         writer = stack.enter_context(writer_until_end(store, threaded=pace is None))
         guard = output_guard(link, options)
         runtime = _runtime(machine, plc, link, writer=writer, guard=guard, options=options)
-        figures = LoopFigures()
         stack.enter_context(operator_interfaces(runtime, link, figures, pace, options))
         if isinstance(plc, CapturedPlc):
             stack.enter_context(_capture(plc, runtime, options))
         if not wait_for_field(link, guard, stop):
             return 0
+        require_watchdogs(link, options)
         _report_ready(runtime, stack)
         if pace is None:
             _prepare_real_time(options, stop)
@@ -160,6 +163,13 @@ def run(options: argparse.Namespace) -> int:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
     _report_end(runtime, link, figures, options)
     return 0 if figures.outputs_safe or runtime.ownership.taken or not link.unwritten else 1
+
+
+def link_of(plan: FieldPlan, io_map: IoMap, figures: LoopFigures, options: argparse.Namespace) -> DevicesLink:
+    """Return the link; the output watchdogs of the devices have the time of the scans."""
+    if options.simulated_time:
+        return DevicesLink(plan, io_map, now_s=lambda: figures.scans * options.scan_ms / 1_000)
+    return DevicesLink(plan, io_map)
 
 
 def _runtime(

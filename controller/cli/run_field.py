@@ -23,8 +23,10 @@ IDENTITY_MS = 50
 sides must report a second master."""
 MODULES: Final = {None: "coils", "beckhoff-ek9000": "beckhoff-ek9000-coils"}
 """Profile by value of ``--module``."""
-_OF_ONE_DEVICE: Final = ("host", "port", "unit", "module", "timeout_ms")
+_OF_ONE_DEVICE: Final = ("host", "port", "unit", "module", "timeout_ms", "watchdog_ms")
 """Options of the field I/O that a field file replaces."""
+_RISK: Final = "if this process is killed or suspended, the outputs may keep their last state"
+_AT_RISK: Final = f"accept the risk with --allow-no-output-watchdog ({_RISK})"
 
 
 def add_field_arguments(parser: argparse.ArgumentParser, *, timeout_ms: int = 30) -> None:
@@ -51,6 +53,19 @@ def add_field_arguments(parser: argparse.ArgumentParser, *, timeout_ms: int = 30
         type=int,
         default=timeout_ms,
         help="timeout of one response of the field I/O, ms",
+    )
+    parser.add_argument(
+        "--watchdog-ms",
+        type=int,
+        default=None,
+        help="time of the output watchdog of the field I/O, which is set with the tool of the module, ms (the "
+        "simulated plant reports its own)",
+    )
+    parser.add_argument(
+        "--allow-no-output-watchdog",
+        action="store_true",
+        help="permit outputs without a known output watchdog: if this process is killed or suspended, or the "
+        "connection is cut, they may keep their last state. Never use this for a machine that moves",
     )
     parser.set_defaults(link_limit_ms=None, one_device={name: parser.get_default(name) for name in _OF_ONE_DEVICE})
 
@@ -79,6 +94,7 @@ def field_plan(io_map: IoMap, options: argparse.Namespace) -> FieldPlan:
             unit=options.unit,
             timeout_ms=options.timeout_ms,
             profile=MODULES[options.module],
+            watchdog_ms=options.watchdog_ms,
         )
     for name, default in options.one_device.items():
         if getattr(options, name) != default:
@@ -86,6 +102,8 @@ def field_plan(io_map: IoMap, options: argparse.Namespace) -> FieldPlan:
             raise InputError(f"{option}: cannot be combined with --field; write it in {options.field}")
     plan = load_field(options.field, io_map)
     _check_times(plan, options)
+    if not options.allow_no_output_watchdog:
+        _check_watchdogs(plan)
     return plan
 
 
@@ -121,16 +139,43 @@ def check_field_numbers(options: argparse.Namespace) -> None:
         ("--unit", options.unit, 1, 255),
         ("--timeout-ms", options.timeout_ms, 1, 10_000),
         ("--link-limit-ms", options.link_limit_ms, 1, 10_000),
+        ("--watchdog-ms", options.watchdog_ms, 10, 60_000),
     ):
         if value is not None and not least <= value <= most:
             raise InputError(f"{name} {value}: must be {least} to {most}")
     if options.link_limit_ms is None:
         return
+    if options.watchdog_ms is not None and options.watchdog_ms <= options.link_limit_ms + options.scan_ms:
+        raise InputError(
+            f"--watchdog-ms {options.watchdog_ms}: must be more than --link-limit-ms plus --scan-ms, "
+            f"{options.link_limit_ms + options.scan_ms} ms"
+        )
     least_ms = options.timeout_ms + options.scan_ms
     # A response takes no simulated time.
     if options.field is None and options.link_limit_ms <= least_ms and not options.simulated_time:
         raise InputError(
             f"--link-limit-ms {options.link_limit_ms}: must be more than --timeout-ms plus --scan-ms, {least_ms} ms"
+        )
+
+
+def require_watchdogs(link: DevicesLink, options: argparse.Namespace) -> None:
+    """Require that every identified device that drives something has a known output watchdog, or report the risk.
+
+    Raises:
+        InputError: A device has none, and this is not permitted.
+    """
+    for device in link.devices:
+        if device.watchdog_ms is not None or not device.plan.drives:
+            continue
+        if not options.allow_no_output_watchdog:
+            raise InputError(
+                f"--watchdog-ms: field I/O {device.label} reports no output watchdog; set it with the tool of the "
+                f"module and give its time, or {_AT_RISK}"
+            )
+        print(
+            f"warning: field I/O {device.label} has no known output watchdog: {_RISK}",
+            file=sys.stderr,
+            flush=True,
         )
 
 
@@ -182,3 +227,19 @@ def _check_times(plan: FieldPlan, options: argparse.Namespace) -> None:
                 f"{plan.path}:{device.file_line}: {device.name}.watchdog_ms: {device.watchdog_ms} ms is not longer "
                 f"than {limit} plus the polling interval, {longest_ms} ms; write a longer time"
             )
+
+
+def _check_watchdogs(plan: FieldPlan) -> None:
+    """Check that every device that drives something switches its outputs off when nobody writes.
+
+    Raises:
+        FieldFileError: A device has no output watchdog, or its time is not stated.
+    """
+    for device in plan.devices:
+        if device.watchdog_ms is not None or not device.drives:
+            continue
+        if device.traits.watchdog == "none":
+            fault = "watchdog: none switches the outputs off when nobody writes; use a module with an output watchdog"
+        else:
+            fault = "watchdog_ms: is missing; write the time of the output watchdog that the tool of the module has set"
+        raise FieldFileError(f"{plan.path}:{device.file_line}: {device.name}.{fault}, or {_AT_RISK}")

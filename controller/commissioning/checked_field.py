@@ -88,7 +88,7 @@ class CheckedField:
     @property
     def tripped(self) -> str:
         """Modules whose output watchdog has tripped since the outputs are written; empty = none."""
-        return ", ".join(self._link.tripped) if self.drives else ""
+        return ", ".join((*self._link.tripped, *self._link.gaps)) if self.drives else ""
 
     def drive(self) -> str:
         """Begin to write the outputs; return the names of the modules whose output watchdog has been reset.

@@ -39,6 +39,7 @@ from types import TracebackType
 from typing import Final, Self, TextIO
 
 from controller.common.errors import InputError
+from controller.common.supervision.failures import Reaction, drop, failed
 from controller.common.supervision.threads import supervised
 
 _log = logging.getLogger(__name__)
@@ -215,9 +216,12 @@ class CaptureWriter:
                     if self._lines.empty():
                         file.flush()
         except Exception as error:  # noqa: BLE001 - whatever it is, the queue must not grow
-            reason = error.strerror if isinstance(error, OSError) else error
-            _log.error("capture %s ends here: %s", self._file.name, reason)
+            if isinstance(error, OSError):
+                _log.error("capture %s ends here: %s", self._file.name, error.strerror)
+            else:
+                failed("capture", Reaction.END, error)
             while line is not None:
+                drop("capture")
                 line = self._lines.get()
 
 

@@ -1,4 +1,4 @@
-"""TCP connections of a server for request frames: connection limit, idle timeout and statistics.
+"""TCP connections of a server for request frames: slots, idle timeout and statistics.
 
 What a frame is and how it is answered is decided by the session of the connection. Client errors are counted, not
 logged: a client that sends invalid data must not be able to fill a log.
@@ -11,9 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol, cast
 
+from controller.common.client_slots import ClientSlot, ClientSlots, Quota, address_group, is_loopback
+
 RECEIVE_BYTES = 4_096
 """Receive buffer of a connection, bytes; limits the work done for one client before the others are served. No valid
 frame is longer."""
+KEEPS_MS = 5_000
+"""Time after its last request in which a client keeps its slot, ms."""
 
 
 @dataclass(slots=True)
@@ -23,13 +27,15 @@ class Traffic:
     Attributes:
         requests: Complete requests answered, including refusals.
         bad_frames: Connections closed because of data that is not a frame.
-        refused: Connections closed immediately because the limit was reached.
+        refused: Connections closed because all slots were taken by clients that work.
+        displaced: Connections closed because another client needed the slot of the least active one.
         timed_out: Connections closed by the idle timeout.
     """
 
     requests: int = 0
     bad_frames: int = 0
     refused: int = 0
+    displaced: int = 0
     timed_out: int = 0
 
 
@@ -53,6 +59,10 @@ class Answered:
 class FrameSession(Protocol):
     """Session of one client."""
 
+    @property
+    def has_name(self) -> bool:
+        """True if the client has told the name of its operator, as the operator panel does first of all."""
+
     def answer(self, received: memoryview) -> Answered:
         """Answer every complete frame at the start of the received data."""
 
@@ -64,19 +74,31 @@ class FrameSession(Protocol):
 class ConnectionServer:
     """Connections of a server; calling the object returns the protocol object of a new connection.
 
+    The operator panel on this computer, which tells its name with its first request, has reserved slots. Any other
+    client keeps its slot as long as it sends requests; half of these slots are for clients of one other computer.
+
     Attributes:
         session_for: Function that returns the session of a new client, given the client's address.
-        max_connections: Maximum number of connections; further ones are closed immediately.
+        max_connections: Number of slots of all clients but the operator panel.
         idle_timeout_s: Time without a complete request after which a connection is closed, s.
+        reserved: Number of slots of the operator panel.
         traffic: Connection counters.
         connections: Open connections.
+        slots: Their slots.
     """
 
     session_for: Callable[[str], FrameSession]
     max_connections: int = 8
     idle_timeout_s: float = 60.0
+    reserved: int = 0
     traffic: Traffic = field(default_factory=Traffic)
     connections: set[FrameConnection] = field(default_factory=set)
+    slots: ClientSlots = field(init=False)
+    is_closed: bool = field(init=False, default=False)
+
+    def __post_init__(self) -> None:
+        of_address = max(1, self.max_connections // 2)
+        self.slots = ClientSlots(Quota(self.max_connections + self.reserved, self.reserved, of_address, KEEPS_MS))
 
     def __call__(self) -> FrameConnection:
         """Return the protocol object of a new connection, as required by `loop.create_server`."""
@@ -84,7 +106,7 @@ class ConnectionServer:
 
     def close(self) -> None:
         """Close all connections and refuse new ones."""
-        self.max_connections = 0
+        self.is_closed = True
         for connection in tuple(self.connections):
             connection.abort()
 
@@ -102,21 +124,26 @@ class FrameConnection(asyncio.BufferedProtocol):
         self._last_request_s = self._loop.time()
         self._idle_check: asyncio.TimerHandle | None = None
         self._session: FrameSession | None = None
+        self._slot: ClientSlot | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Register the connection, or close it if the limit is reached."""
+        """Register the connection, or close it if there is no slot."""
         self._transport = cast(asyncio.Transport, transport)
-        if len(self._server.connections) >= self._server.max_connections:
-            self._server.traffic.refused += 1
+        server = self._server
+        host, port = self._transport.get_extra_info("peername")[:2]
+        slot = ClientSlot(address_group(host), self._give_way, self._now_ms, is_candidate=is_loopback(host))
+        if server.is_closed or not self._has_slot(server.slots.take(slot)):
             self._transport.close()
             return
-        self._server.connections.add(self)
-        address = self._transport.get_extra_info("peername")
-        self._session = self._server.session_for(f"{address[0]}:{address[1]}")
+        self._slot = slot
+        server.connections.add(self)
+        self._session = server.session_for(f"{host}:{port}")
         self._check_idle()
 
     def connection_lost(self, _exc: Exception | None) -> None:
         """Unregister the connection."""
+        if self._slot is not None:
+            self._server.slots.leave(self._slot)
         self._server.connections.discard(self)
         if self._session is not None:
             self._session.on_disconnect()
@@ -137,6 +164,9 @@ class FrameConnection(asyncio.BufferedProtocol):
         self._server.traffic.requests += result.requests
         if result.used:
             self._last_request_s = self._loop.time()
+            if not self._settled(self._session):
+                self.abort()
+                return
             rest = bytes(self._buffer[result.used : self._filled])
             self._buffer[: len(rest)] = rest
             self._filled = len(rest)
@@ -160,6 +190,31 @@ class FrameConnection(asyncio.BufferedProtocol):
         """Close immediately and discard unsent data."""
         if self._transport is not None:
             self._transport.abort()
+
+    @property
+    def _now_ms(self) -> int:
+        return int(self._loop.time() * 1_000)
+
+    def _settled(self, session: FrameSession) -> bool:
+        """Notice a request; return whether the connection has a slot for it."""
+        slot = self._slot
+        if slot is None:
+            return False
+        slot.active_ms = self._now_ms
+        if slot.has_asked:
+            return True
+        slot.has_asked = True
+        is_panel = slot.is_candidate and session.has_name
+        return self._has_slot(self._server.slots.settle(slot, is_known=is_panel))
+
+    def _has_slot(self, has_slot: bool) -> bool:
+        self._server.traffic.refused += not has_slot
+        return has_slot
+
+    def _give_way(self) -> None:
+        self._server.traffic.displaced += 1
+        self._slot = None
+        self.abort()
 
     def _check_idle(self) -> None:
         """Close the connection if the idle timeout has elapsed, otherwise schedule the next check."""

@@ -4,9 +4,9 @@ r"""Standard output and standard error that end no process because of a characte
 ``\u9600`` for 阀; on GBK, ``\u00b2`` for ²; two of them for a character beyond U+FFFF. Text stays on its line, and JSON
 stays JSON with the same value. Bytes of a file name that are no text in the locale are escaped in the same way.
 
-*Loss.* Standard error accompanies the work: what can no longer be written to it is dropped. Of standard output, the
-command decides (`controller.common.command_line`, `controller.events.writer`). A stream that the parent process has
-closed is the null device.
+*Loss.* Standard error accompanies the work: what can no longer be written to it is dropped, and its lines are counted.
+Of standard output, the command decides (`controller.common.command_line`, `controller.events.writer`). A stream that
+the parent process has closed is the null device.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import io
 import os
 import sys
 from typing import Any, Final, TextIO
+
+from controller.common.supervision.failures import drop
 
 REPLACEMENT: Final = "transplanter-json-escape"
 """Name of the error handler of the output streams."""
@@ -76,4 +78,5 @@ class _DroppingFile(io.FileIO):
         try:
             return super().write(data) or size
         except OSError:
+            drop("log", bytes(data).count(b"\n"))
             return size

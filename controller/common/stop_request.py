@@ -21,8 +21,8 @@ from types import TracebackType
 from typing import Final, NoReturn, Protocol, Self
 
 from controller.common.output_streams import prepare_output_streams
+from controller.common.supervision.failures import FAILED, has_failed
 from controller.common.supervision.parent import end_with_parent
-from controller.common.supervision.threads import FAILED, has_failed
 
 SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that end a process; SIGHUP, which Windows lacks, comes from a terminal that is closed."""

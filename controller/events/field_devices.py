@@ -24,7 +24,7 @@ class FieldEvent:
     Attributes:
         at_ms: Time of the event, ms.
         device: Name and address of the device.
-        change: lost, back, tripped or reset.
+        change: lost, back, tripped, reset or gap.
         text: Message for the operator.
         detail: Technical reason in English; empty = none.
     """
@@ -47,6 +47,10 @@ class FieldDevices(Protocol):
     @property
     def tripped(self) -> tuple[str, ...]:
         """Labels of the devices whose output watchdog has tripped."""
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """Labels of the devices whose output watchdog may have tripped between two confirmed writes."""
 
 
 class FieldReport:
@@ -89,9 +93,14 @@ class FieldReport:
                 (end, self._shown[begin] - found[begin]),
             ):
                 for name in sorted(names):
-                    text = getattr(FIELD_CHANGES[change], self._language).format(device=name)
-                    self._report(FieldEvent(now_ms, name, change, text, lost.get(name, "") if change == "lost" else ""))
+                    self._tell(now_ms, name, change, lost.get(name, "") if change == "lost" else "")
             self._shown[begin] = found[begin]
+        for name in self._devices.gaps:  # they are forgotten in the next scan, which aborts the machine
+            self._tell(now_ms, name, "gap")
+
+    def _tell(self, now_ms: int, name: str, change: FieldChange, detail: str = "") -> None:
+        text = getattr(FIELD_CHANGES[change], self._language).format(device=name)
+        self._report(FieldEvent(now_ms, name, change, text, detail))
 
     def named(self, event: E) -> E:
         """Return an event with the names of the devices if it is the alarm of the field link, otherwise unchanged."""

@@ -8,6 +8,7 @@ import queue
 from dataclasses import asdict, dataclass
 from typing import TextIO
 
+from controller.common.supervision.failures import counted, drop
 from controller.common.supervision.threads import supervised
 from controller.events.alarm_list import AlarmChange
 from controller.events.field_devices import FieldEvent
@@ -74,6 +75,7 @@ class EventWriter:
         """
         self._form = form
         self._out = out
+        self._is_closed = False
         self._events: queue.SimpleQueue[Written | None] = queue.SimpleQueue()
         self._thread = supervised("events", self._work)
         self._thread.start()
@@ -89,12 +91,21 @@ class EventWriter:
 
     def _work(self) -> None:
         while (event := self._events.get()) is not None:
-            try:
-                print(self._line(asdict(event)), file=self._out, flush=True)
-            except OSError:  # the pipe is closed or the disk is full: further events are discarded
-                null = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(null, self._out.fileno())
-                os.close(null)
+            if self._is_closed:
+                drop("events")
+                continue
+            with counted("events"):
+                self._write(asdict(event))
+
+    def _write(self, record: dict[str, object]) -> None:
+        try:
+            print(self._line(record), file=self._out, flush=True)
+        except OSError:  # the pipe is closed or the disk is full: further events are discarded
+            drop("events")
+            self._is_closed = True
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, self._out.fileno())
+            os.close(null)
 
     def _line(self, record: dict[str, object]) -> str:
         if self._form == "json":

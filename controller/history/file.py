@@ -31,6 +31,9 @@ _INSERT: Final = {
 }
 _JOURNALS: Final = tuple(table for table in TABLES if table != "runs")
 
+_OF_THE_ROW: Final = (sqlite3.DataError, sqlite3.IntegrityError, sqlite3.InterfaceError, sqlite3.ProgrammingError)
+"""Errors of SQLite about the values of a row; all others are those of the file."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -56,6 +59,19 @@ class HistoryRow(NamedTuple):
         return 64 + sum(len(text) if text.isascii() else 4 * len(text) for text in texts)
 
 
+class RecordError(ValueError):
+    """Raised for a row that can never be written; no row has been written.
+
+    Attributes:
+        row: The row.
+    """
+
+    def __init__(self, row: HistoryRow, why: object) -> None:
+        """Create the error of a row of a table, with its reason."""
+        super().__init__(f"a record of the table {row.table} can never be written: {why}")
+        self.row = row
+
+
 class WalBusyError(OSError):
     """Raised if the write-ahead log is full and the open transaction of a reader prevents a checkpoint."""
 
@@ -68,6 +84,7 @@ class HistoryFile:
 
     Attributes:
         batch_bytes: Maximum total `HistoryRow.size_bytes` of the rows of one `append`; a single row may be larger.
+        record_bytes: Maximum `HistoryRow.size_bytes` of a row, for which room is kept.
     """
 
     def __init__(self, path: Path, limit_bytes: int) -> None:
@@ -84,6 +101,7 @@ class HistoryFile:
         if limit_bytes < MIN_LIMIT_BYTES:
             raise HistoryError(f"size limit {limit_bytes} bytes: must be at least {MIN_LIMIT_BYTES}")
         self.batch_bytes = limit_bytes // 64
+        self.record_bytes = 3 * self.batch_bytes
         try:
             self._lock = lock_file(path)
         except FileLockError as error:
@@ -107,12 +125,25 @@ class HistoryFile:
         Raises:
             sqlite3.Error: The disk is full or has failed.
             WalBusyError: The write-ahead log is full, and a reader prevents its checkpoint.
+            RecordError: A row has a value that SQLite refuses, or is too large.
         """
         self._make_room()
         with self._transaction():
             for id_, row in enumerate(rows, start=self._next_id):
-                self._db.execute(_INSERT[row.table], (id_, row.utc_ms, row.at_ms, self._run, *row.values))
+                self._insert(id_, row)
         self._next_id += len(rows)
+
+    def _insert(self, id_: int, row: HistoryRow) -> None:
+        if row.size_bytes > self.record_bytes:
+            raise RecordError(row, f"up to {row.size_bytes} bytes, limit {self.record_bytes}")
+        try:
+            self._db.execute(_INSERT[row.table], (id_, row.utc_ms, row.at_ms, self._run, *row.values))
+        except _OF_THE_ROW as error:
+            raise RecordError(row, error) from error
+        except (sqlite3.Error, OSError, MemoryError):
+            raise  # of the file or the computer
+        except Exception as error:
+            raise RecordError(row, error) from error
 
     def close(self) -> None:
         """Close the file and release its lock."""

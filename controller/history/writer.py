@@ -2,7 +2,8 @@
 
 Records are queued without waiting for the disk and written by a background thread. If the queue is full because the
 disk is slow, full or missing, further records are dropped. Dropped records are counted, and the loss is recorded as
-soon as the history can be written again.
+soon as the history can be written again. A record that can never be written, because SQLite refuses a value or it is
+larger than the limit, is dropped in the same way and does not block those behind it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Final
 
+from controller.common.supervision.failures import drop, is_reported
 from controller.common.supervision.threads import supervised
 from controller.events.alarm_list import AlarmChange
 from controller.events.cycle_edges import Edge
@@ -32,7 +34,7 @@ from controller.events.kinds import (
     StateEvent,
     TrayEvent,
 )
-from controller.history.file import HistoryFile, HistoryRow
+from controller.history.file import HistoryFile, HistoryRow, RecordError
 from controller.program.texts.operator import Language, Text
 
 DEFAULT_HISTORY: Final = Path("var/history.sqlite")
@@ -101,7 +103,7 @@ class HistoryWriter:
         self._wake = threading.Condition()
         self._pending: deque[HistoryRow] = deque()
         self._urgent = self._closing = False
-        self._dropped = self._unreported = 0
+        self._dropped = self._unreported = self._refused = 0
         self._error: str | None = None
         self._last_error = ""
         self._put(HistoryRow("runs", wall_ms(), 0, (program, version)), urgent=True)
@@ -200,8 +202,7 @@ class HistoryWriter:
     def _put(self, row: HistoryRow, *, urgent: bool) -> None:
         with self._wake:
             if len(self._pending) >= self._max_pending or self._closing:
-                self._dropped += 1
-                self._unreported += 1
+                self._drop()
                 return
             self._pending.append(row)
             if urgent:
@@ -220,10 +221,11 @@ class HistoryWriter:
         with self._wake:
             if self._pending:
                 _log.error("%s: %d records could not be written before closing", self.path, len(self._pending))
+                drop("history", len(self._pending))
         self._file.close()
 
     def _write_batch(self) -> bool:
-        """Write one batch of pending rows and return True if any were written."""
+        """Write one batch of pending rows and return True if any were written, or dropped for ever."""
         with self._wake:
             rows = self._batch()
             unreported = self._unreported if len(rows) == len(self._pending) else 0
@@ -231,6 +233,9 @@ class HistoryWriter:
             return False
         try:
             self._file.append([*rows, self._lost_row(unreported, rows)] if unreported else rows)
+        except RecordError as error:
+            self._refuse(error)
+            return True
         except Exception as error:  # noqa: BLE001 - after any error the rows remain queued and are retried
             self._fail(error)
             return False
@@ -259,10 +264,25 @@ class HistoryWriter:
         detail = _json({"lost": count, "why": why})
         return HistoryRow("events", self._wall_ms(), at_ms, ("history", count, text, detail))
 
+    def _drop(self) -> None:
+        self._dropped += 1
+        self._unreported += 1
+        drop("history")
+
+    def _refuse(self, error: RecordError) -> None:
+        """Drop a row that would block the others behind it."""
+        with self._wake:
+            self._pending.remove(error.row)
+            self._refused += 1
+            self._last_error = _clean(str(error))
+            self._drop()
+        if is_reported(self._refused):
+            _log.error("%s: %s; it is dropped (%d since the start)", self.path, error, self._refused)
+
     def _fail(self, error: Exception) -> None:
         with self._wake:
             first = self._error is None
-            self._error = self._last_error = str(error)
+            self._error = self._last_error = _clean(str(error))
         if first:
             _log.error(
                 "%s: %s; up to %d records are queued until it can be written", self.path, error, self._max_pending

@@ -11,12 +11,14 @@ import contextlib
 import logging
 import struct
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Final
 
 from controller.common.capture import CaptureWriter
 from controller.common.modbus.io_map import IoMap, Point
 from controller.common.modbus.mbap import HEADER, MAX_LENGTH, MIN_LENGTH, UNCOUNTED_BYTES
 from controller.common.stop_request import StopRequest
+from controller.common.supervision.tasks import supervised_task
 from controller.core.clock import Clock
 
 _log = logging.getLogger(__name__)
@@ -118,12 +120,13 @@ async def forward(
     tasks: set[asyncio.Task[None]] = set()
     problem = ""
 
-    async def connect(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def connect(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = supervised_task("captured connection", partial(serve, reader, writer))
+        tasks.add(task)
+        task.add_done_callback(tasks.discard)
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         nonlocal problem
-        task = asyncio.current_task()
-        if task is not None:
-            tasks.add(task)
-            task.add_done_callback(tasks.discard)
         with contextlib.closing(writer), contextlib.suppress(OSError):
             try:
                 far = await asyncio.open_connection(*field)
@@ -133,7 +136,8 @@ async def forward(
                     _log.warning("no field I/O at %s:%d: %s; check --host and --port", *field, problem)
             else:
                 problem = ""
-                await _relay((reader, writer), far, _Connection(decoder))
+                with contextlib.closing(far[1]):
+                    await _relay((reader, writer), far, _Connection(decoder))
 
     server = await asyncio.start_server(connect, *listen)
     with stop.calling(lambda: loop.call_soon_threadsafe(ended.set)):
@@ -147,28 +151,27 @@ async def forward(
 
 async def _relay(near: _Streams, far: _Streams, connection: _Connection) -> None:
     """Forward between the master and the field I/O until one side ends the connection."""
-    loop = asyncio.get_running_loop()
     (reader, writer), (field_reader, field_writer) = near, far
-    with contextlib.closing(field_writer):
-        pumps = [
-            loop.create_task(_pump(reader, field_writer, connection, "request")),
-            loop.create_task(_pump(field_reader, writer, connection, "answer")),
-        ]
-        try:
-            await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for pump in pumps:
-                pump.cancel()
-            await asyncio.gather(*pumps, return_exceptions=True)
+    pumps = [
+        supervised_task("captured direction", partial(_pump, reader, field_writer, connection, "request")),
+        supervised_task("captured direction", partial(_pump, field_reader, writer, connection, "answer")),
+    ]
+    try:
+        await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for pump in pumps:
+            pump.cancel()
+        await asyncio.gather(*pumps, return_exceptions=True)
 
 
 async def _pump(
     reader: asyncio.StreamReader, writer: asyncio.StreamWriter, connection: _Connection, direction: str
 ) -> None:
-    while data := await reader.read(4_096):
-        connection.feed(direction, data)
-        writer.write(data)
-        await writer.drain()
+    with contextlib.suppress(OSError):  # one side has gone
+        while data := await reader.read(4_096):
+            connection.feed(direction, data)
+            writer.write(data)
+            await writer.drain()
 
 
 def _numbers(points: Iterable[Point]) -> dict[int, int]:

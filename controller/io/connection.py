@@ -16,11 +16,18 @@ again within 500 ms."""
 
 
 class TrippingModules(Protocol):
-    """Modules whose output watchdog remains tripped until a register is written."""
+    """Modules with an output watchdog, which in some of them remains tripped until a register is written."""
 
     @property
     def tripped(self) -> tuple[str, ...]:
         """Labels of the tripped modules; their outputs are off and are not written."""
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """Labels of the modules whose output watchdog may have tripped between two confirmed writes."""
+
+    def forget_gaps(self) -> None:
+        """Forget the writes so far, and the gaps between them."""
 
     def reset_tripped(self) -> None:
         """Reset the tripped modules.
@@ -34,7 +41,8 @@ class FieldConnection(Saved):
     """Connection to a field link.
 
     A tripped module aborts the machine like a lost link, and is reset in the scan in which the operator has cleared the
-    abort.
+    abort. A gap between two confirmed writes in which a module may have tripped does so as well, even if all outputs
+    were off: no output that moves something is switched on after a trip before a person has acted.
 
     Attributes:
         link: The link.
@@ -90,7 +98,8 @@ class FieldConnection(Saved):
                 self.has_inputs = True
         except OSError:
             self._fail(now_ms)
-        self.lost |= self._is_trip_new or not self.has_inputs  # no earlier image can bridge a short interruption
+        self.lost |= not self.has_inputs  # no earlier image can bridge a short interruption
+        self.lost |= self._is_trip_new or (self._modules is not None and bool(self._modules.gaps))
         return self.is_open or not is_open
 
     def write(self, now_ms: int, write: Callable[[], None], *, aborted: bool) -> bool:
@@ -107,6 +116,8 @@ class FieldConnection(Saved):
         except OSError:
             self._fail(now_ms)
             return False
+        if self._modules is not None and (aborted or self.lost):
+            self._modules.forget_gaps()
         if self.lost:
             self._watchdog.reset()
             self.lost = False

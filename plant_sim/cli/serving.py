@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import contextlib
 import sys
 from collections.abc import Callable, Iterator
@@ -13,6 +12,7 @@ from controller.common.errors import InputError
 from controller.common.modbus.address import listening_remedy
 from controller.common.modbus.rtu import SerialLine
 from controller.common.real_time import add_real_time_arguments, claim_real_time, freeze_garbage, pin
+from controller.common.supervision.tasks import run_supervised
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.options import (
     add_air_argument,
@@ -150,8 +150,7 @@ def operate(
         pin(options)
         freeze_garbage()
         try:
-            with asyncio.Runner(loop_factory=precise_loop) as runner:
-                runner.run(serve(server, options.stop, listening=listening))
+            run_supervised(serve(server, options.stop, listening=listening), precise_loop)
         except OSError as error:
             reason = error.strerror or str(error)
             text = f"cannot listen on {host}:{port}: {reason}; {listening_remedy(error)}"

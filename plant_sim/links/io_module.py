@@ -10,6 +10,7 @@ import enum
 from collections.abc import Callable, Mapping, Sequence
 
 from controller.common.modbus.io_map import IoMap
+from controller.common.modbus.output_owner import OwnerReport
 from controller.common.saved import Saved
 from plant_sim.links.output_lease import OutputLease
 from plant_sim.links.write_timing import LinkTiming
@@ -42,6 +43,7 @@ class IoModule(Saved):
         tripped: True if the watchdog has tripped and has not been reset.
         last_write_ms: Plant time of the last accepted write, ms; None before the first.
         tripped_at_ms: Plant time of the last trip, ms, retained after a reset; None before the first.
+        trips: Number of trips.
         block_writes: Number of times all outputs that move something have been written, each time in one write or
             several: a controller without a lamp need not write it.
         observers: Functions called after every advance of plant time.
@@ -51,7 +53,7 @@ class IoModule(Saved):
         timing: Measured timing of the links.
     """
 
-    SAVED = ("_outputs", "_registers", "_written", "block_writes", "last_write_ms", "tripped", "tripped_at_ms")
+    SAVED = ("_outputs", "_registers", "_written", "block_writes", "last_write_ms", "tripped", "tripped_at_ms", "trips")
 
     def __init__(self, plant: Plant, io_map: IoMap, *, watchdog_ms: int = 100) -> None:
         """Connect a module to a plant with safe outputs and an unarmed watchdog.
@@ -73,6 +75,7 @@ class IoModule(Saved):
         self.tripped = False
         self.last_write_ms: int | None = None
         self.tripped_at_ms: int | None = None
+        self.trips = 0
         self.block_writes = 0
         self.observers: list[Callable[[], None]] = []
         self.write_observers: list[Callable[[str, Mapping[int, bool]], None]] = []
@@ -99,6 +102,12 @@ class IoModule(Saved):
         if self.tripped:
             return WatchdogState.TRIPPED
         return WatchdogState.UNARMED if self.last_write_ms is None else WatchdogState.ARMED
+
+    @property
+    def owner_report(self) -> OwnerReport:
+        """Report for the clients: owner of the outputs and output watchdog."""
+        lease = self.lease
+        return OwnerReport(lease.owner, lease.refused, lease.last_refused, self.trips, self._watchdog_ms)
 
     @property
     def outputs(self) -> list[bool]:
@@ -237,6 +246,7 @@ class IoModule(Saved):
         self.make_safe()
         self.tripped = True
         self.tripped_at_ms = self.plant.time_ms
+        self.trips += 1
         self._written.clear()
         self.lease.end()
 

@@ -79,7 +79,7 @@ class ModbusImage(ModbusDevice):
         """Return telemetry registers, or registers of the report on the owner of the outputs."""
         if first >= REPORT_OFFSET:
             first -= REPORT_OFFSET
-            registers = self._module.lease.report.encode()
+            registers = self._module.owner_report.encode()
         else:
             registers = encode_telemetry(self._module)
         if first + count > len(registers):

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
+from functools import partial
 
 from pymodbus.constants import ExcCodes
 
@@ -28,6 +29,7 @@ from controller.common.modbus.address import checked_host
 from controller.common.modbus.mbap import MbapServer
 from controller.common.modbus.requests import RequestRefusedError
 from controller.common.modbus.rtu import RtuServer, SerialError, SerialLine
+from controller.common.supervision.tasks import supervised_task
 from plant_sim.links.gap_watch import GapWatch
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_image import ModbusImage, image_of
@@ -69,7 +71,7 @@ class PlantServer:
             lock_step_ms: Plant time per completed write of the Y block, or per exchange with the PLC, ms; None for
                 real time.
             allow_remote: True permits an address that other computers can reach.
-            max_connections: Maximum number of connections; further ones are closed immediately.
+            max_connections: Number of slots of the clients; the least active one makes room for a new one.
             idle_timeout_s: Time without a request after which a connection is closed, s.
             serial: Serial line on which the module is a Modbus RTU server as well.
             models_wire: True to model the transmission time of the serial line; see `RtuServer`.
@@ -131,9 +133,10 @@ class PlantServer:
         self._ended = loop.create_future()
         self.module.write_observers.append(self._time_write)
         if self._real_time is not None:
-            self._tasks.append(loop.create_task(self._real_time.run()))
+            self._tasks.append(supervised_task("plant time", self._real_time.run, self._fail))
         if self._plc is not None:
-            self._tasks.append(loop.create_task(self._follow_plc(self._plc)))
+            run = partial(self._plc.run, self._advance_for_plc)
+            self._tasks.append(supervised_task("plant at a PLC", run, self._fail))
 
     def _start_serial(self, loop: asyncio.AbstractEventLoop) -> None:
         if self._serial is None:
@@ -185,13 +188,6 @@ class PlantServer:
         self._blocks_seen = self.module.block_writes
         if not self._advance(self._lock_step_ms):
             raise RequestRefusedError(ExcCodes.DEVICE_FAILURE)
-
-    async def _follow_plc(self, plc: PlcClient) -> None:
-        """Exchange with the PLC; an unexpected error ends the server."""
-        try:
-            await plc.run(self._advance_for_plc)
-        except Exception as error:  # noqa: BLE001 - raised by serve_forever
-            self._fail(error)
 
     def _advance_for_plc(self, *, exchanged: bool) -> bool:
         """Advance plant time to now, or in lock step by one step after each exchange; return False after a failure."""

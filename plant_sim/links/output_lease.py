@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from controller.common.modbus.output_owner import OwnerReport
-
 
 class LeaseError(Exception):
     """Refusal to set an output that belongs to another client; the message is one line."""
@@ -33,11 +31,6 @@ class OutputLease:
         self.refused = 0
         self.last_refused = ""
         self.on_refusal: Callable[[], None] = lambda: None
-
-    @property
-    def report(self) -> OwnerReport:
-        """Report for the clients."""
-        return OwnerReport(self.owner, self.refused, self.last_refused)
 
     def check(self, client: str) -> None:
         """Check that a client may write.

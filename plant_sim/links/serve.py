@@ -21,17 +21,10 @@ async def serve(server: PlantServer, stop: StopRequest, *, listening: Callable[[
         OSError: The port is in use or the address is not local.
     """
     loop = asyncio.get_running_loop()
-    serving = asyncio.ensure_future(_serve(server, listening))
-    with stop.calling(lambda: loop.call_soon_threadsafe(serving.cancel)):
-        try:
-            await serving
-        except asyncio.CancelledError:
-            pass
-        finally:
-            await server.stop()
-
-
-async def _serve(server: PlantServer, listening: Callable[[int], None]) -> None:
-    await server.start()
-    listening(server.port)
-    await server.serve_forever()
+    try:
+        await server.start()
+        with stop.calling(lambda: loop.call_soon_threadsafe(server.end)):
+            listening(server.port)
+            await server.serve_forever()
+    finally:
+        await server.stop()

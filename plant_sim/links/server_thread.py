@@ -9,6 +9,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self, TypeVar
 
+from controller.common.supervision.tasks import run_supervised
 from controller.common.supervision.threads import supervised
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.real_time import precise_loop
@@ -66,8 +67,7 @@ class ServerThread:
 
     def _run(self) -> None:
         try:
-            with asyncio.Runner(loop_factory=precise_loop) as runner:
-                runner.run(self._serve())
+            run_supervised(self._serve(), precise_loop)
         except Exception as error:  # noqa: BLE001 - raised again in the waiting thread
             self._error = error
         finally:

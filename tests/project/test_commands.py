@@ -185,7 +185,6 @@ for name in ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "S
             ("plant_sim", ("study", "cabbage-rsm", "--data", "printed"), "="),
             ("plant_sim", ("study", "throughput", "--frequencies", "45", "--workers", "1", "--seedlings", "12"), "="),
         ],
-        2,
     ),
     ids=["ladder", "trial", "prove", "study of a table", "study with trials"],
 )

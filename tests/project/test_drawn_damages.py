@@ -58,6 +58,7 @@ def test_changes_of_a_text(text: str, expected: set[str]) -> None:
     assert {change.applied_to(text) for change in changes(text)} == expected
 
 
+@pytest.mark.nightly
 def test_every_change_of_a_module_is_valid_and_changes_code() -> None:
     text = (ROOT / "tests/suite/operators.py").read_text(encoding="utf-8")
     found = changes(text)
@@ -252,6 +253,7 @@ def test_a_planted_damage_is_detected_and_removed(copy: SourceCopy) -> None:
         assert copy.run(tests, 60).detected_by == "tests/test_half.py"
 
 
+@pytest.mark.nightly
 def test_tests_that_hang_are_ended(copy: SourceCopy) -> None:
     with copy.planted("controller/half.py", "while True:\n    pass\n"):
         outcome = copy.run(["tests/test_half.py"], 1.0)

@@ -155,6 +155,7 @@ def tracked(*folders: str) -> set[str]:
     return {str(path.relative_to(ROOT)) for path in paths if not written & {*path.parts}}
 
 
+@pytest.mark.nightly
 def test_the_wheel_contains_both_packages_and_nothing_else(distributions: Distributions) -> None:
     files = contents(distributions.wheel)
     packaged = {name for name in files if not name.startswith(f"{DIST_INFO}/")}

@@ -14,6 +14,10 @@ class ModbusClientError(OSError):
     """Raised if a server is not reachable or gives no valid answer; the message is the reason."""
 
 
+class ConnectionClosedError(ModbusClientError):
+    """Raised if the connection is closed, for example because the server has no place for it."""
+
+
 def _closed() -> ModbusClientError:
     return ModbusClientError("closed during the request")
 
@@ -87,7 +91,7 @@ class _TcpConnection(asyncio.Protocol):
         self._exchange.take_over(data)
 
     def connection_lost(self, _error: Exception | None) -> None:
-        self._exchange.fail(ModbusClientError("connection closed by the server"))
+        self._exchange.fail(ConnectionClosedError("connection closed by the server"))
 
 
 class AsyncTcpClient:
@@ -142,7 +146,7 @@ class AsyncTcpClient:
         """
         transport = self._transport
         if transport is None or transport.is_closing():
-            raise ModbusClientError("not connected")
+            raise ConnectionClosedError("not connected")
         answer = None
         try:
             frame = self._frames.request(self._unit, pdu)

@@ -34,6 +34,11 @@ class MbapSession:
         """
         self._device = device
 
+    @property
+    def has_name(self) -> bool:
+        """True if the client has told the name of its operator."""
+        return self._device.has_name
+
     def on_disconnect(self) -> None:
         """Notice that the client is gone."""
         self._device.on_disconnect()
@@ -68,7 +73,7 @@ class MbapServer(ConnectionServer):
 
         Args:
             device_for: Function that returns the device of a new client, given the client's address.
-            max_connections: Maximum number of connections; further ones are closed immediately.
+            max_connections: Number of places of the clients.
             idle_timeout_s: Time without a complete request after which a connection is closed, s.
         """
         super().__init__(lambda peer: MbapSession(device_for(peer)), max_connections, idle_timeout_s)

@@ -65,6 +65,11 @@ class ModbusDevice:
     table method may raise `RequestRefusedError`; a write that raises must change nothing.
     """
 
+    @property
+    def has_name(self) -> bool:
+        """True if the client has told the name of its operator."""
+        return False
+
     def on_request(self) -> None:
         """Handle the arrival of a request from this client, whether valid or not."""
 

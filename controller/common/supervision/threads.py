@@ -1,38 +1,25 @@
 """Threads of the commands: why each exists, and what an unexpected exception in it means.
 
-Every thread is started by `supervised` with a name of `THREADS`. Errors that a thread expects, such as a full disk, are
-handled where they arise; an exception that reaches its end is a defect, is reported, and has the stated consequence.
+Every thread is started by `supervised` with a name of `THREADS`, and every call in a thread of an event loop is made by
+`in_thread` with a name of `CALLS`. Errors that a thread expects, such as a full disk, are handled where they arise; an
+exception that reaches its end is a defect, is reported and counted, and has the stated consequence.
 """
 
 from __future__ import annotations
 
-import enum
-import logging
-import os
-import signal
+import asyncio
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, ParamSpec, TypeVar
 
-FAILED: Final = 70
-"""Exit code of a process that a failed thread has ended: EX_SOFTWARE of sysexits.h."""
+from controller.common.supervision.failures import Reaction, failed
+
 PAUSE_S: Final = 0.01
 """Pause before a thread works on, s: a defect that recurs at once leaves the processor to the scan."""
 
-_log = logging.getLogger(__name__)
-_process_failed = threading.Event()
-
-
-class Reaction(enum.Enum):
-    """Consequence of an unexpected exception in a thread."""
-
-    DROP = "the item is dropped and counted; the thread works on"
-    RETRY = "the work is tried again; meanwhile items wait, and beyond a limit they are dropped and counted"
-    END = "the part ends; the process works on without it"
-    TELL = "the part ends; the thread that waits for it is told"
-    STOP = f"the process stops with safe outputs and exit code {FAILED}"
-    EXIT = "the process ends at once"
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +52,15 @@ THREADS: Final[Mapping[str, ThreadKind]] = {
 }
 """All threads of the project by name."""
 
+CALLS: Final[Mapping[str, str]] = {
+    "password check": "computation of a hash, slow on purpose",
+    "password file": "write and fsync to the disk",
+    "history of the panel": "read of a database that may be large or locked",
+    "trends of the panel": "read of a database and computation of an answer",
+    "trend file": "commit to the disk",
+}
+"""All calls in threads of an event loop by name, with what can block; the task that waits is told of an exception."""
+
 
 def supervised(name: str, work: Callable[[], object]) -> threading.Thread:
     """Return a thread, not yet started, that reacts to an unexpected exception as `THREADS` declares.
@@ -78,36 +74,30 @@ def supervised(name: str, work: Callable[[], object]) -> threading.Thread:
     return threading.Thread(target=_run, args=(name, kind, work), name=name, daemon=kind.is_daemon)
 
 
-def has_failed() -> bool:
-    """Return True if a failed thread has stopped this process."""
-    return _process_failed.is_set()
+async def in_thread(
+    name: str, function: Callable[Arguments, Result], *args: Arguments.args, **named: Arguments.kwargs
+) -> Result:
+    """Call a function that can block in a thread of the event loop, and return its result.
+
+    Args:
+        name: Name in `CALLS`.
+        function: Function; its exception is raised here.
+        *args: Arguments of the function.
+        **named: Named arguments of the function.
+    """
+    if name not in CALLS:
+        raise KeyError(name)
+    return await asyncio.to_thread(function, *args, **named)
 
 
 def _run(name: str, kind: ThreadKind, work: Callable[[], object]) -> None:
-    failures = 0
     while True:
         try:
             work()
-        except Exception:  # noqa: BLE001 - the supervision of all threads
-            failures += 1
-            if _is_reported(failures):
-                _log.exception("thread %s: %s (%d since the start)", name, kind.reaction.value, failures)
-            _react(kind.reaction)
+        except Exception as error:  # noqa: BLE001 - the supervision of all threads
+            failed(name, kind.reaction, error)
             if kind.reaction not in {Reaction.DROP, Reaction.RETRY}:
                 return
             threading.Event().wait(PAUSE_S)
         else:
             return
-
-
-def _is_reported(count: int) -> bool:
-    """Return True for 1, 10, 100 and so on: a defect that recurs must not fill the log."""
-    return str(count).strip("0") == "1"
-
-
-def _react(reaction: Reaction) -> None:
-    if reaction is Reaction.STOP:
-        _process_failed.set()
-        os.kill(os.getpid(), signal.SIGTERM)
-    elif reaction is Reaction.EXIT:
-        os._exit(FAILED)

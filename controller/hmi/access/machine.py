@@ -147,6 +147,11 @@ class MachineSession:
         self._jog_scan = 0
         self._previous_jog = 0
 
+    @property
+    def has_name(self) -> bool:
+        """True if the partner has told the name of its operator."""
+        return bool(self._name)
+
     def on_request(self) -> None:
         """Renew the jog and the forced inputs of this partner, which expire if it sends no requests."""
         runtime = self._state.runtime

@@ -81,7 +81,12 @@ class HmiServer(DeviceServer):
         self.modbus: TcpEndpoint | None = None
         if options.port is not None:
             settings = TcpSettings(
-                options.host, options.port, options.allow_remote, options.max_connections, options.idle_timeout_s
+                options.host,
+                options.port,
+                options.allow_remote,
+                options.max_connections,
+                options.idle_timeout_s,
+                options.reserved,
             )
             self.modbus = modbus_tcp(self.access, self.identity, settings, tls=tls)
             endpoints.append(self.modbus)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from controller.common.supervision.failures import dropped, failures
 from controller.events.alarm_list import AlarmList, AlarmRow
 from controller.events.alarm_states import AlarmState
 from controller.events.kinds import CycleEvent, GapCause
@@ -34,6 +35,15 @@ R_DURATIONS: Final = 20
 R_DURATION_SUM: Final = 50
 R_LATENESS: Final = 240
 R_LATENESS_SUM: Final = 270
+
+R_FAILURES: Final = 18
+DROPPED: Final = {
+    "events": (52, Text("events that could not be written to standard output", "无法写入标准输出的消息数")),
+    "history": (54, Text("records that could not be written to the history", "无法写入历史文件的记录数")),
+    "capture": (56, Text("lines that could not be written to the capture", "无法写入记录文件的行数")),
+    "log": (58, Text("lines that could not be written to standard error", "无法写入标准错误输出的行数")),
+}
+"""First register and meaning of the counts of lost items, `failures.ITEMS`, of the controller."""
 
 R_ALARM_ACTIVATIONS: Final = 272
 """First of `ALARM_ROWS` registers: activations of the alarm in each row within a minute up to the last one."""
@@ -172,6 +182,17 @@ STATUS_REGISTERS: Final = (
     ),
     StatusRegister(
         16, 1, "connections", Text("connected Modbus clients", "已连接的 Modbus 客户端数"), lambda f: f.connections()
+    ),
+    StatusRegister(
+        R_FAILURES,
+        2,
+        "failures",
+        Text("unexpected exceptions in threads and tasks", "线程和任务的异常次数"),
+        lambda _: sum(failures().values()),
+    ),
+    *(
+        StatusRegister(number, 2, f"dropped_{item}", text, lambda _, item=item: dropped(item))  # type: ignore[misc]
+        for item, (number, text) in DROPPED.items()
     ),
     StatusRegister(
         R_DURATION_SUM,

@@ -106,6 +106,9 @@ class LivePlc:
 class LiveSession:
     """Devices of a live program as its partners may read and write them."""
 
+    has_name = False
+    """A live program has no register for the name of an operator."""
+
     def __init__(self, live: LivePlc) -> None:
         """Initialise the session of a partner.
 

@@ -60,6 +60,11 @@ class McSession:
         self._codes = _CODES_1E if frame == "1e" else _CODES_3E
         self._model = _MODEL_1E if frame == "1e" else _MODEL_3E
 
+    @property
+    def has_name(self) -> bool:
+        """True if the client has told the name of its operator."""
+        return self._access.has_name
+
     def on_disconnect(self) -> None:
         """Notice that the client is gone."""
         self._access.on_disconnect()

@@ -31,8 +31,9 @@ class HmiOptions:
         key: Key file of the certificate.
         clients: File with the CA certificates that verify client certificates; None = client certificates not required.
         serial: Serial line for RTU in addition to TCP; None selects TCP only.
-        max_connections: Connection limit; further connections are closed immediately.
+        max_connections: Number of slots of all clients but the operator panel.
         idle_timeout_s: Time without a request after which a connection is closed, s.
+        reserved: Number of slots of the operator panel: its poll, its orders, a jog, and the jog before it.
     """
 
     host: str = "127.0.0.1"
@@ -44,6 +45,7 @@ class HmiOptions:
     serial: SerialLine | None = None
     max_connections: int = 16
     idle_timeout_s: float = 60.0
+    reserved: int = 4
 
 
 def modbus_tcp(

@@ -45,6 +45,11 @@ class HmiSession(ModbusDevice):
         self._access = access
         self._identity = identity
 
+    @property
+    def has_name(self) -> bool:
+        """True if the client has told the name of its operator."""
+        return self._access.has_name
+
     def on_request(self) -> None:
         """Notice that the client is alive."""
         self._access.on_request()

@@ -51,6 +51,10 @@ class DeviceAccess(Protocol):
     def is_running(self) -> bool:
         """True if the PLC is in RUN."""
 
+    @property
+    def has_name(self) -> bool:
+        """True if the partner has told the name of its operator."""
+
     def on_request(self) -> None:
         """Notice that the partner is alive; called before every request."""
 

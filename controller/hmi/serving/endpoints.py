@@ -52,8 +52,9 @@ class TcpSettings:
         host: Address to listen on.
         port: TCP port; 0 selects a free port.
         allow_remote: True to permit listening on an address that other computers can reach.
-        max_connections: Connection limit; further connections are closed immediately.
+        max_connections: Number of slots of all clients but the operator panel.
         idle_timeout_s: Time without a request after which a connection is closed, s.
+        reserved: Number of slots of the operator panel.
     """
 
     host: str
@@ -61,6 +62,7 @@ class TcpSettings:
     allow_remote: bool = False
     max_connections: int = 16
     idle_timeout_s: float = 60.0
+    reserved: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +118,9 @@ class TcpEndpoint:
         except ValueError as error:
             raise ServerError(f"{names.server}: {error}") from error
         self._tls = tls
-        self._frontend = ConnectionServer(session_for, settings.max_connections, settings.idle_timeout_s)
+        self._frontend = ConnectionServer(
+            session_for, settings.max_connections, settings.idle_timeout_s, settings.reserved
+        )
         self._port = settings.port
         self._listener: asyncio.Server | None = None
 

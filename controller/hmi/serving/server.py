@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Final, Self
 
+from controller.common.supervision.tasks import run_supervised, supervised_task
 from controller.common.supervision.threads import supervised
 from controller.hmi.serving.endpoints import Endpoint, ServerError
 
@@ -71,18 +72,18 @@ class DeviceServer:
 
     def _run(self) -> None:
         try:
-            asyncio.run(self._serve())
-        except Exception as error:  # noqa: BLE001 - raised by `__enter__`, or logged: the machine keeps running
+            run_supervised(self._serve())
+        except Exception as error:
             if self._started.is_set():
-                _log.exception("the device server failed; the machine keeps running without it")
-            self._error = error
+                raise
+            self._error = error  # raised by `__enter__`
         finally:
             self._started.set()
 
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._ended = asyncio.Event()
-        reporter = self._loop.create_task(self._report())
+        reporter = supervised_task("client report", self._report)
         try:
             for endpoint in self._endpoints:
                 await endpoint.start(self._loop)
@@ -102,7 +103,7 @@ class DeviceServer:
             traffic = [endpoint.traffic for endpoint in self._endpoints]
             counts = (
                 sum(each.bad_frames for each in traffic),
-                sum(each.refused for each in traffic),
+                sum(each.refused + each.displaced for each in traffic),
                 sum(each.timed_out for each in traffic),
             )
             if counts != logged:

@@ -1,4 +1,8 @@
-"""One device of the field: its requests, its settings and its output watchdog."""
+"""One device of the field: its requests, its settings and its output watchdog.
+
+*Output safe* means that every coil of the device is off within the time of its output watchdog (`watchdog_ms`): the
+controller writes the safe image, and if its writes stop, the module itself switches the outputs off.
+"""
 
 from __future__ import annotations
 
@@ -48,6 +52,8 @@ class FieldDevice:
         confirmed: Image written last, if the device has confirmed it since it was opened or reset; else None.
         has_inputs: True if the inputs have been read since the device was opened.
         lends: True if it lends its outputs to one client and reports the owner.
+        watchdog_ms: Time of its output watchdog, ms; None = unknown.
+        had_gap: True if its output watchdog may have tripped between two writes that it has confirmed.
         inputs: Blocks of X points.
         outputs: Blocks of Y points.
         registers: First offset and D numbers of each run of output registers.
@@ -64,7 +70,8 @@ class FieldDevice:
         self._now_s = now_s
         self.plan = plan
         self.line = line
-        self.tripped = self.lends = False
+        self.tripped = self.lends = self.had_gap = False
+        self.watchdog_ms = plan.watchdog_ms
         self.error = ""
         self.inputs = blocks_of("X", plan.inputs, plan.traits)
         self.outputs = blocks_of("Y", plan.outputs, plan.traits)
@@ -81,6 +88,12 @@ class FieldDevice:
         self._trips: int | None = 0
         """Value of the trip counter at the last reset; 0 = at power-up: a trip may be older than this process."""
         self._written_s: float | None = None
+        self._begun_s: float | None = None
+        """Time before the latest write."""
+        self._served_s: float | None = None
+        """Time before the latest confirmed write, also of an earlier connection: the module has received it later."""
+        self._reported_trips: int | None = None
+        """Number of trips that the module has reported last; None = not read since gaps were forgotten."""
         self._echoes = random.Random()
 
     @property
@@ -116,6 +129,7 @@ class FieldDevice:
         for entry in self.plan.traits.reset or ():
             yield from self._write(entry)
         self.tripped, self._trips, self.confirmed = False, None, None
+        self.forget_gap()
         yield from self.note_trip()
         if self.tripped:
             raise self.failed("reset of the output watchdog", "the device remains tripped")
@@ -165,13 +179,17 @@ class FieldDevice:
 
     def writes(self, image: Sequence[bool]) -> list[Exchange]:
         """Return the exchanges that write the outputs."""
+        self._begun_s = self._now_s()
         if self._combines:
             own, other = self.outputs[0], self.inputs[0]
             return [self._exchange(write_and_read(own.first, own.words(image), other.first, other.count))]
         return [self._exchange(block.write(image)) for block in self.outputs]
 
     def confirm(self, exchanges: Sequence[Exchange], image: Sequence[bool]) -> None:
-        """Note that an image has been written.
+        """Note that an image has been written, and whether the output watchdog may have tripped before.
+
+        The module receives a write after its begin and before its answer. If it had received the previous write
+        longer ago than its watchdog permits, its outputs have been off, and nobody else knows.
 
         Raises:
             LinkError: An exchange has failed.
@@ -181,7 +199,14 @@ class FieldDevice:
             if self._combines:
                 self._received = data
         self.confirmed = list(image)
-        self._written_s = self._now_s()
+        self._written_s = now_s = self._now_s()
+        if self._served_s is not None and self.watchdog_ms is not None:
+            self.had_gap |= now_s - self._served_s > self.watchdog_ms / 1_000
+        self._served_s = self._begun_s
+
+    def forget_gap(self) -> None:
+        """Forget the writes so far; called while the machine is aborted, because a person must act then anyhow."""
+        self.had_gap, self._served_s, self._reported_trips = False, None, None
 
     def read_back(self) -> list[Exchange]:
         """Return the exchanges that read the outputs."""
@@ -210,7 +235,7 @@ class FieldDevice:
         return [*(self.writes(image) if self.outputs else ()), *self.write_words(value_of)]
 
     def read_owner(self) -> Generator[Exchange, None, OwnerReport]:
-        """Read who owns the outputs.
+        """Read who owns the outputs, and note a trip of the output watchdog since the last reading.
 
         Raises:
             LinkError: The device does not answer, or does not report the owner.
@@ -219,6 +244,9 @@ class FieldDevice:
         report = OwnerReport.decode(unpacked((yield from self._ask(request))))
         if report is None:
             raise DeviceRefusalError(str(self.failed("read of the owner of the outputs", "answer contains no report")))
+        self.watchdog_ms = report.watchdog_ms
+        self.had_gap |= self._reported_trips not in (None, report.trips)
+        self._reported_trips = report.trips
         return report
 
     def drop_received(self) -> None:

@@ -50,7 +50,7 @@ class DevicePlan:
         outputs: Y number and offset of each output.
         registers: D number and offset of each output register.
         poll_every: Number of scans from one exchange to the next.
-        watchdog_ms: Time of the output watchdog of the module, ms; None = not set by the controller.
+        watchdog_ms: Time of the output watchdog of the module, ms; None = not stated.
         echo: True if an RTU device answers function 8, be it with an exception.
         file_line: Line of the entry in the field file, from 1; 0 if there is none.
     """
@@ -67,6 +67,11 @@ class DevicePlan:
     watchdog_ms: int | None = None
     echo: bool = True
     file_line: int = 0
+
+    @property
+    def drives(self) -> bool:
+        """True if the device has outputs or output registers."""
+        return bool(self.outputs or self.registers)
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,16 @@ class FieldPlan:
         return max(times.values())
 
 
-def one_device(io_map: IoMap, host: str, port: int, *, unit: int, timeout_ms: int, profile: str = "coils") -> FieldPlan:
+def one_device(
+    io_map: IoMap,
+    host: str,
+    port: int,
+    *,
+    unit: int,
+    timeout_ms: int,
+    profile: str = "coils",
+    watchdog_ms: int | None = None,
+) -> FieldPlan:
     """Return the plan of one device that has all points at the offsets of the I/O map.
 
     Args:
@@ -102,6 +116,7 @@ def one_device(io_map: IoMap, host: str, port: int, *, unit: int, timeout_ms: in
         unit: Unit identifier.
         timeout_ms: Timeout of an answer, ms.
         profile: Profile whose points are bits.
+        watchdog_ms: Time of the output watchdog of the device, ms; None = not stated.
     """
     device = DevicePlan(
         name="",
@@ -112,6 +127,7 @@ def one_device(io_map: IoMap, host: str, port: int, *, unit: int, timeout_ms: in
         inputs=tuple((point.number, point.offset) for point in io_map.inputs),
         outputs=tuple((point.number, point.offset) for point in io_map.outputs),
         registers=tuple((register.number, register.offset) for register in io_map.registers),
+        watchdog_ms=watchdog_ms,
     )
     return FieldPlan((device,))
 
@@ -249,8 +265,11 @@ class _FieldReader:
             self._fault(
                 path, f"watchdog_ms is missing; write the time of the output watchdog that {device.profile} sets"
             )
-        if device.watchdog_ms is not None and not traits.has_watchdog_setting and traits.trip is None:
-            text = f"profile {device.profile} cannot set the watchdog; use the tool of the module and delete the key"
+        if traits.watchdog == "set" and not traits.has_watchdog_setting:
+            text = "no setting has watchdog_unit_ms; add it, or write watchdog: tool if the tool of the module sets it"
+            self._fault((*path, "settings"), text)
+        if device.watchdog_ms is not None and traits.watchdog == "none" and not traits.has_watchdog_setting:
+            text = "the module has no output watchdog; delete the key, or write watchdog: tool if its tool sets one"
             self._fault((*path, "watchdog_ms"), text)
         units = [each.watchdog_unit_ms for each in traits.settings or () if each.watchdog_unit_ms is not None]
         if units and (device.watchdog_ms or 0) % units[0] != 0:

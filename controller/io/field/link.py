@@ -68,6 +68,16 @@ class DevicesLink:
         """Labels of the devices whose output watchdog has tripped and has not been reset."""
         return tuple(device.label for device in self.devices if device.tripped)
 
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """Labels of the devices whose output watchdog may have tripped between two writes that they have confirmed."""
+        return tuple(device.label for device in self.devices if device.had_gap)
+
+    def forget_gaps(self) -> None:
+        """Forget the writes so far, and the gaps between them."""
+        for device in self.devices:
+            device.forget_gap()
+
     def reset_tripped(self) -> None:
         """Reset the output watchdogs that have tripped.
 

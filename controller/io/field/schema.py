@@ -20,9 +20,11 @@ Word16 = Annotated[int, BeforeValidator(_number), Field(ge=0, le=65_535, descrip
 _InputTable = Literal["coil", "discrete_input", "holding_register", "input_register"]
 _OutputTable = Literal["coil", "holding_register"]
 _Order = Literal["low_first", "high_first"]
+_Watchdog = Literal["set", "tool", "none"]
 _ANY_TABLE = "write coil, discrete_input, holding_register or input_register"
 _WRITABLE_TABLE = "write coil or holding_register"
 _ORDER = "write low_first or high_first"
+_WATCHDOG = "write set, tool or none"
 
 
 class InputArea(StrictModel):
@@ -75,6 +77,7 @@ class ModuleTraits(StrictModel):
     bit_order: _Order | None = Field(default=None, description=_ORDER)
     combined: bool | None = Field(default=None, description="write true or false")
     locked: bool | None = Field(default=None, description="write true or false")
+    watchdog: _Watchdog | None = Field(default=None, description=_WATCHDOG)
     settings: list[SettingEntry] | None = Field(default=None, description="write a list of {offset: 0, value: 0}")
     start: list[WriteEntry] | None = Field(default=None, description="write a list of {table: coil, offset: 0}")
     trip: TripEntry | None = Field(default=None, description="write {table: coil, offset: 0, value: 1}")
@@ -97,6 +100,7 @@ class ProfileEntry(ModuleTraits):
 
     meaning: str
     source: str
+    watchdog: _Watchdog = Field(description=_WATCHDOG)
 
 
 class TcpEntry(StrictModel):

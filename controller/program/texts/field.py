@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 from controller.program.texts.operator import Text
 
-FieldChange = Literal["lost", "back", "tripped", "reset"]
+FieldChange = Literal["lost", "back", "tripped", "reset", "gap"]
 
 FIELD_CHANGES: Final[dict[FieldChange, Text]] = {
     "lost": Text("field device {device} lost; all outputs off", "现场设备 {device} 通信中断，全部输出已切断"),
@@ -16,6 +16,10 @@ FIELD_CHANGES: Final[dict[FieldChange, Text]] = {
         "现场设备 {device} 的输出看门狗已动作，清除中止后复位",
     ),
     "reset": Text("output watchdog of field device {device} reset", "现场设备 {device} 的输出看门狗已复位"),
+    "gap": Text(
+        "field device {device} was not written within the time of its output watchdog; all outputs off",
+        "现场设备 {device} 未在其输出看门狗时间内被写入，全部输出已切断",
+    ),
 }
 NAMED: Final = Text("{message}: {devices}", "{message}：{devices}")
 """Message of the alarm of the field link with the names of the devices."""

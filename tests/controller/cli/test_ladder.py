@@ -83,6 +83,7 @@ def test_an_export_can_be_read_back_and_its_size_is_reported(
     assert load_ladder(tmp_path / "transplanter.csv") == EXPORTED
 
 
+@pytest.mark.nightly
 def test_export_with_pulses_for_the_stepper(tmp_path: Path) -> None:
     assert controller(["ladder", "export", "--target", "fx2n", "--stepper", "plsy", "--out", str(tmp_path)]) == 0
     names = [str(each) for each in load_ladder(tmp_path / "transplanter.il").instructions]
@@ -98,6 +99,7 @@ def test_structured_text_is_written(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "fits" not in lines, "Structured Text is for other PLCs"
 
 
+@pytest.mark.nightly
 def test_an_export_with_more_steps_than_an_fx2n_has_names_the_memory_cassette(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,6 +128,7 @@ def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFi
     assert "of 8000 steps" in printed
 
 
+@pytest.mark.nightly
 def test_the_only_finding_in_the_exported_program_concerns_commands_set_by_an_hmi(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -52,7 +52,7 @@ class Rig:
             folder,
             device("sensors", "inputs-only", first, wires(inputs)),
             device("valves", profile, second, left, f"watchdog_ms: {WATCHDOG_MS}"),
-            device("tray", "coils", third, wires(others)),
+            device("tray", "coils", third, wires(others), f"watchdog_ms: {WATCHDOG_MS}"),
         )
         only = ("--only", OPEN, "--only", CLOSE)
         self.person = stack.enter_context(Person(None, folder, "--field", str(path), *only))

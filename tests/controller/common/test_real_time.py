@@ -51,6 +51,7 @@ def without(capabilities: Sequence[str], *command: str) -> subprocess.CompletedP
     return subprocess.run(arguments, check=False, capture_output=True, text=True, timeout=WAIT_S)
 
 
+@pytest.mark.nightly
 @pytest.mark.real_time
 @pytest.mark.parametrize("command", [("controller", "run"), ("plant_sim", "serve", "--port", "0")], ids=" ".join)
 def test_a_refused_priority_is_one_line_with_the_remedy_and_nothing_is_started(

@@ -76,6 +76,7 @@ def test_export_has_the_same_outputs_in_every_scan(seeds: Sequence[int]) -> None
     assert any(pair.confirmed for pair in pairs)
 
 
+@pytest.mark.nightly
 def test_export_without_the_amber_lamp_has_the_same_outputs_in_every_scan() -> None:
     """The buttons answer only while a panel shows the questions, which it does in one of these stories."""
     program = build(unwired("lamp_amber")).program
@@ -223,6 +224,7 @@ def test_only_the_output_block_writes_y() -> None:
             assert index > outputs_start()
 
 
+@pytest.mark.nightly
 def test_pulse_output_for_a_stepper_without_a_generator() -> None:
     """If a pulse train is selected, only the rung that drives the run bit changes: its OUT becomes PLSY."""
     run = next(
@@ -250,6 +252,7 @@ def test_difference_is_reported_with_its_scan() -> None:
         play()
 
 
+@pytest.mark.nightly
 def test_ladder_with_constants_equals_the_export_of_the_program_with_them() -> None:
     constants = dict(OTHER_CONSTANTS)
     assert constants.keys() == set(MACHINE.program.constants)

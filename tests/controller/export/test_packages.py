@@ -37,6 +37,7 @@ WHOLE_TRIAL: Final = 20_000
 # ---- equality ----
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("target", "scans"),
     first_of([("openplc", 6_000), ("openplc", WHOLE_TRIAL), ("codesys", WHOLE_TRIAL), ("plain", WHOLE_TRIAL)]),

@@ -255,6 +255,7 @@ def test_program_that_uses_an_auxiliary_relay_is_rejected() -> None:
         shared(small(Out(Bit("M", 1023), X[0])))
 
 
+@pytest.mark.nightly
 def test_relays_save_a_sixth_of_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     program = acting(MACHINE.program)
     steps = usage(export(program)).steps

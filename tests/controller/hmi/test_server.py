@@ -15,7 +15,9 @@ from pathlib import Path
 import pytest
 import trustme
 
+from controller.hmi.access.status_registers import R_NAME
 from controller.hmi.modbus.endpoint import HmiOptions
+from controller.hmi.panel.modbus.connection import PANEL_NAME, name_words
 from controller.hmi.serving.endpoints import ServerError
 from tests.controller.common.modbus_rig import (
     ILLEGAL_ADDRESS,
@@ -26,7 +28,7 @@ from tests.controller.common.modbus_rig import (
     frame,
     read_pdu,
 )
-from tests.controller.hmi.hmi_rig import READ_D0, HmiRig, until
+from tests.controller.hmi.hmi_rig import READ_D0, HmiRig, until, write_words, written
 from tests.sampling import one_in
 
 FIRST_COMMAND = 400
@@ -225,11 +227,41 @@ def test_seventeenth_client_is_closed_until_a_connection_is_free() -> None:
         clients = [rig.client() for _ in range(16)]
         assert all(client.ask(READ_D0)[0] == 3 for client in clients)
         with rig.client() as seventeenth:
+            seventeenth.send(frame(READ_D0))
             assert seventeenth.rest_after_rubbish() == b""
         assert rig.server.traffic.refused == 1
         clients[0].socket.close()
         until(lambda: rig.connections == 15, clients[1])
         assert rig.client().ask(READ_D0)[0] == 3
+
+
+def test_silent_clients_displace_each_other_and_no_client_that_works() -> None:
+    with HmiRig() as rig:
+        works = rig.client()
+        assert works.ask(READ_D0)[0] == 3
+        assert rig.server.modbus is not None
+        [slot] = rig.server.modbus._frontend.slots.taken
+        first_ms = slot.active_ms
+        until(lambda: slot.active_ms > first_ms, works)
+        silent = [rig.client() for _ in range(30)]
+        assert all(client.rest_after_rubbish() == b"" for client in silent[:11])
+        assert works.ask(READ_D0)[0] == silent[-1].ask(READ_D0)[0] == 3
+        assert (rig.server.traffic.refused, rig.server.traffic.displaced) == (0, 11)
+
+
+def test_the_panel_gets_a_reserved_place_when_sixteen_clients_work() -> None:
+    with HmiRig() as rig:
+        for _ in range(16):
+            assert rig.client().ask(READ_D0)[0] == 3
+        panel = rig.client()
+        assert written(write_words(panel, "R", R_NAME, *name_words(PANEL_NAME)))
+        for _ in range(10):
+            rig.client()
+        assert panel.ask(READ_D0)[0] == 3
+        with rig.client() as other:
+            other.send(frame(READ_D0))
+            assert other.rest_after_rubbish() == b""
+        assert panel.ask(READ_D0)[0] == 3
 
 
 def test_idle_client_is_closed_and_active_client_is_not() -> None:

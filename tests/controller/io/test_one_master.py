@@ -133,8 +133,8 @@ def test_the_second_controller_is_refused_and_both_report_it(rig: Rig, stack: Ex
     assert (first.state, first.taken) == (State.STOPPED, "")
     assert first.runtime.ownership.rival.endswith(second.address())
     assert "outputs_contested" in first.alarms
-    assert rig.module.lease.report.owner == first.address()
-    assert rig.module.lease.report.rival == second.address()
+    assert rig.module.owner_report.owner == first.address()
+    assert rig.module.owner_report.rival == second.address()
 
 
 def test_the_refused_controller_writes_nothing_and_cannot_be_cleared(rig: Rig, stack: ExitStack) -> None:

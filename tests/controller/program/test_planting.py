@@ -263,6 +263,7 @@ def test_on_exit_the_safe_value_is_written() -> None:
 # ---- export ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_the_export_contains_the_planter_speed_only_if_it_is_wired() -> None:
     """Measurement, advice and warnings are for information only and are not exported."""
     blocks = {

@@ -144,6 +144,7 @@ def test_a_long_dwell_needs_a_long_step() -> None:
     assert line == "right arm: open claws: limit 400 ms, but the claws needs 400 ms"
 
 
+@pytest.mark.nightly
 def test_the_travel_model_has_the_travel_times() -> None:
     """Each switch is at the time of the travel to it, and the exploration of homing uses the same times."""
     times = TravelTimes(lift_ms=1_000, belt_ms=900, row_1_ms=2_000, row_ms=300)

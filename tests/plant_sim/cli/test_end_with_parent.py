@@ -10,6 +10,8 @@ import threading
 from contextlib import ExitStack
 from pathlib import Path
 
+import pytest
+
 from controller.cli.mutants import StoryProcess
 from controller.common.supervision.parent import VARIABLE, end_with_parent
 from plant_sim.cli.faults import _results
@@ -62,6 +64,7 @@ def test_plant_controller_and_panel_of_a_killed_run_end_with_safe_outputs() -> N
         socket.create_server(("127.0.0.1", port)).close()
 
 
+@pytest.mark.nightly
 def test_the_workers_of_a_killed_matrix_end() -> None:
     with started("-c", f"from {__name__} import hold_workers; hold_workers()") as matrix:
         for _ in range(2):
@@ -70,6 +73,7 @@ def test_the_workers_of_a_killed_matrix_end() -> None:
         matrix.communicate(timeout=WAIT_S)
 
 
+@pytest.mark.nightly
 def test_the_stories_of_a_killed_proof_end() -> None:
     """The end of their standard input is not enough: it comes after the mutants that have been sent."""
     with started("-c", f"from {__name__} import hold_stories; hold_stories()") as proof:

@@ -95,6 +95,7 @@ def test_a_figure_is_drawn(
     assert path.read_bytes().startswith(start)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("figure", "speed_km_h"), first_of([("7", 1.9), ("8", 1.65), ("9", 1.4)]))
 def test_a_figure_of_a_case_has_its_speed(
     figure: str, speed_km_h: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -207,6 +207,7 @@ def test_a_command_after_nohup_does_not_end_with_the_terminal() -> None:
     assert done.stdout == "False\n"
 
 
+@pytest.mark.nightly
 @pytest.mark.real_time
 @pytest.mark.parametrize(("stdin", "number"), first_of(WAYS, 2))
 def test_a_starting_controller_ends_without_a_message(

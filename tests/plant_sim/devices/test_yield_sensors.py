@@ -18,6 +18,8 @@ MACHINE = load_machine()
 SPEC = MACHINE.yield_sensors
 PITCH_M, CLAWS, LAST_CLAW_M = 0.06, 12, 0.66
 LOOK_S = 0.01
+CUPS_READ = 300
+"""Cups whose wrong readings are counted; the tolerance follows from this number."""
 
 
 def rising(levels: list[bool]) -> int:
@@ -127,9 +129,9 @@ def test_the_cup_sensor_is_on_over_the_slot_of_a_filled_cup() -> None:
 def test_wrong_readings_have_their_share(share: float) -> None:
     sensor = cup_sensor()
     sensor.wrong = share
-    levels = at_pulses(sensor, range(-20, 1_000, 2), per_min=90, cups=800)
+    levels = at_pulses(sensor, range(-20, 1_000, 2), per_min=90, cups=CUPS_READ)
     wrong = sum(level != ((number - 11) % 2 == 0) for number, level in enumerate(levels))
-    assert wrong / 800 == pytest.approx(share, abs=3 * (share * (1 - share) / 800) ** 0.5)
+    assert wrong / CUPS_READ == pytest.approx(share, abs=3 * (share * (1 - share) / CUPS_READ) ** 0.5)
 
 
 def test_a_wrong_reading_of_the_beam_is_a_stem_missed() -> None:

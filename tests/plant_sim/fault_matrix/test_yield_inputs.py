@@ -44,8 +44,7 @@ def setting(tmp_path_factory: pytest.TempPathFactory) -> MatrixSetup:
             ("stuck_valve", "right.claws", None, {"open claws", "close claws"}),
             ("stuck_on", "left.cup_filled", None, {"row short"}),
             ("stuck_off", "right.seedling_beam", None, {"row short"}),
-        ],
-        3,
+        ]
     ),
 )
 def test_a_fault_that_was_silent_is_told_as_expected(

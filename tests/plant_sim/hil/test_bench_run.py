@@ -15,6 +15,7 @@ def _by_group(results: list[CaseResult], group: str) -> list[CaseResult]:
     return [each for each in results if each.group == group]
 
 
+@pytest.mark.nightly
 def test_the_program_passes_homing_cycle_trial_and_stop() -> None:
     results, _ = judge()
     assert [each.group for each in results] == list(FIRST_GROUPS)

@@ -90,6 +90,7 @@ def test_a_coil_that_stays_on_at_rest_passes() -> None:
     assert not failures(results)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("only", ["no such case"])
 def test_a_selection_without_a_case_is_not_run(only: str) -> None:
     results, _ = judge(["fault"], only=only)

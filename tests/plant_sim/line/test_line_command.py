@@ -87,6 +87,7 @@ def test_a_stop_does_not_lose_or_repeat_a_plant(tmp_path: Path) -> None:
     assert done.duration_s > 35 / 0.3 + 2 * 20
 
 
+@pytest.mark.nightly
 def test_the_arms_plant_more_than_hands(pepper: LineResult) -> None:
     """45 plants per minute in each of two rows are 5,400 per hour, less the missing plants."""
     missed = pepper.rates["missed"].percent / 100
@@ -109,6 +110,7 @@ def written(pepper: LineResult, tmp_path_factory: pytest.TempPathFactory) -> lis
     return write_result(pepper, tmp_path_factory.mktemp("written"))
 
 
+@pytest.mark.nightly
 def test_csv_and_parquet_contain_the_same_plants(pepper: LineResult, written: list[Path]) -> None:
     assert [path.name for path in written] == ["plants.csv", "plants.parquet", "rows.png", "rows.svg", "result.json"]
     folder = written[0].parent
@@ -132,6 +134,7 @@ def test_csv_and_parquet_contain_the_same_plants(pepper: LineResult, written: li
     assert json.loads((folder / "result.json").read_text(encoding="utf-8")) == json.loads(json.dumps(pepper.record()))
 
 
+@pytest.mark.nightly
 def test_equal_results_give_identical_files(pepper: LineResult, written: list[Path], tmp_path: Path) -> None:
     again = write_result(pepper, tmp_path)
     assert [path.read_bytes() for path in again] == [path.read_bytes() for path in written]
@@ -183,6 +186,7 @@ EACH_ONCE = [(NAMES[number % len(NAMES)], *extreme) for number, extreme in enume
 OTHERS = [each for name in NAMES for extreme in EXTREMES if (each := (name, *extreme)) not in EACH_ONCE]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("name", "key", "value"), one_in(20, [*EACH_ONCE, *OTHERS]))
 def test_extreme_values_give_a_result(name: str, key: str, value: str, tmp_path: Path) -> None:
     """Values at the limits of the line file give poor or empty rows, but all cups and seedlings are accounted for."""

@@ -32,6 +32,7 @@ IO_MAP = replace(block_rig.IO_MAP, registers=wired("planter_speed").registers)
 AT = REGISTER.offset
 WRITE_ONE = struct.pack(">BHH", 6, AT, 500)
 WRITE_MANY = struct.pack(">BHHBH", 16, AT, 1, 2, 500)
+WATCHDOG_MS = 100
 WRITE_AND_READ = struct.pack(">BHHHHBH", 23, AT, 1, AT, 1, 2, 500)
 MASK = struct.pack(">BHHH", 22, AT, 0, 500)
 
@@ -75,7 +76,7 @@ def test_every_write_of_a_second_client_is_refused_without_effect(rig: Rig, pdu:
     before = (rig.module.outputs, rig.module.registers, rig.module.plant.time_ms, rig.module.last_write_ms)
     assert second.ask(pdu) == exception(pdu[0], DEVICE_BUSY)
     assert (rig.module.outputs, rig.module.registers, rig.module.plant.time_ms, rig.module.last_write_ms) == before
-    assert report(second) == OwnerReport(address(owner), 1, address(second))
+    assert report(second) == OwnerReport(address(owner), 1, address(second), 0, WATCHDOG_MS)
     assert read_registers(owner)["refused_writes"] == 1
     assert owner.ask(pdu)[0] == pdu[0]
 
@@ -93,7 +94,7 @@ def test_reads_and_buttons_need_no_lease(rig: Rig) -> None:
     assert rig.module.plant.box.start
     for pdu in (READ_ALL_INPUTS, read_pdu(1, 0, 18), read_pdu(4, 0, 8), read_pdu(3, AT, 1)):
         assert second.ask(pdu)[0] == pdu[0]
-    assert report(second) == OwnerReport(address(owner), 0, "")
+    assert report(second) == OwnerReport(address(owner), 0, "", 0, WATCHDOG_MS)
 
 
 def test_refused_writes_do_not_extend_the_lease_and_it_ends_with_the_watchdog(rig: Rig) -> None:
@@ -107,7 +108,7 @@ def test_refused_writes_do_not_extend_the_lease_and_it_ends_with_the_watchdog(ri
     assert report(second).owner == ""
     assert second.ask(ALL_OFF)[0] == 15
     assert owner.ask(ALL_OFF) == exception(15, DEVICE_BUSY)
-    assert report(owner) == OwnerReport(address(second), 2, address(owner))
+    assert report(owner) == OwnerReport(address(second), 2, address(owner), 1, WATCHDOG_MS)
 
 
 def test_a_write_refused_after_a_trip_takes_no_lease(rig: Rig) -> None:
@@ -142,7 +143,7 @@ def test_the_end_of_another_connection_does_not_end_the_lease(rig: Rig) -> None:
 
 @pytest.mark.parametrize("host", ["", "127.0.0.1:1", "ffff:ffff:ffff:ffff:ffff:ffff:ffff:ffff:65535"])
 def test_a_report_is_decoded_as_it_was_encoded(host: str) -> None:
-    found = OwnerReport(host, 70_000, host)
+    found = OwnerReport(host, 70_000, host, 80_000, 90_000)
     assert OwnerReport.decode(found.encode()) == found
     assert OwnerReport.decode([0] * REPORT_WORDS) is None
 

@@ -35,6 +35,7 @@ def test_stages_show_the_start_the_end_and_the_tilt() -> None:
     assert stem.get_xy()[:, 0].max() == pytest.approx(0.01 + height), "the stem points forward"
 
 
+@pytest.mark.nightly
 def test_animation_plays_in_slow_motion(tmp_path: Path) -> None:
     path = tmp_path / "fall.gif"
     with drawing():

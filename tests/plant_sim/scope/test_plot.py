@@ -277,6 +277,7 @@ def test_the_command_writes_both_plots_in_both_formats_and_prints_their_paths(
     assert (out / "trial-timing.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.nightly
 def test_the_same_recording_gives_the_same_bytes_without_a_date(trial: Recording, tmp_path: Path) -> None:
     window = RecordingWindow(18_000, 20_000)
     pictures = []

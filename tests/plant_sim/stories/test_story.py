@@ -110,6 +110,7 @@ def test_stories_of_the_other_arm_are_omitted_for_a_block_of_an_arm() -> None:
     assert len(list(player.differences(changed))) == 2
 
 
+@pytest.mark.nightly
 def test_the_command_names_the_killing_story(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each line names a mutant by number and description; the answer has the same number."""
     monkeypatch.setattr("plant_sim.stories.judge.stories_of", lambda machine: list(work.STORIES[:1]))

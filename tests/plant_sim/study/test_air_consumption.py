@@ -191,6 +191,7 @@ def test_the_command_prints_one_json_object(trial: tuple[Recording, Twin], capsy
     assert printed["drives"]["lift"]["table_1_l_min"] == 91
 
 
+@pytest.mark.nightly
 def test_without_a_recording_the_command_runs_a_trial(
     trial: tuple[Recording, Twin], capsys: pytest.CaptureFixture[str]
 ) -> None:

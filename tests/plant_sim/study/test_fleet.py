@@ -37,6 +37,7 @@ def test_a_fleet_gives_the_reports_of_single_trials_whatever_the_number_of_proce
     assert without_times([alone[3]]) == without_times([single])
 
 
+@pytest.mark.nightly
 def test_the_order_of_the_machines_does_not_affect_them() -> None:
     forward = run_fleet(FLEET, workers=1)
     assert without_times(run_fleet(FLEET[::-1], workers=1)) == without_times(forward)[::-1]

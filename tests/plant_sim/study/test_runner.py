@@ -238,6 +238,7 @@ def dies(**_: object) -> TrialReport:
     os._exit(1)
 
 
+@pytest.mark.nightly
 def test_a_killed_process_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fleet, "run_trial", dies)
     with pytest.raises(StudyError, match=r"^--workers: a process was killed, .*; use a smaller number$"):

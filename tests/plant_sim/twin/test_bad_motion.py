@@ -127,6 +127,7 @@ def undisturbed() -> Pooled:
     return pooled()
 
 
+@pytest.mark.nightly
 def test_the_undisturbed_machine_matches_the_optimum_of_the_paper() -> None:
     """5 % of 216 seedlings are lost, within 3 standard deviations; six rows per tray are recorded."""
     good = undisturbed()
@@ -174,6 +175,7 @@ def test_a_leaking_check_valve_stops_the_machine_before_any_damage(
     assert report.P == report.D == report.T == 0
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("leads", first_of([((12, 7),), ((18, 12, 7),)]))
 def test_late_release_increases_throw_failures_only(leads: tuple[int, ...]) -> None:
     """Release leads of 180, 120 and 70 ms instead of 250 ms increase throw failures only.

@@ -30,7 +30,9 @@ def test_the_loss_of_a_device_with_a_chinese_name_is_told(console: str, tmp_path
     extra, encoding = CONSOLES[console]
     retain = str(tmp_path / "retentive.json")
     with plant_thread() as port:
-        field = file_of(tmp_path, device(ISLAND, "coils", tcp(port), own_wires(INPUT_TAGS + OUTPUT_TAGS)))
+        field = file_of(
+            tmp_path, device(ISLAND, "coils", tcp(port), own_wires(INPUT_TAGS + OUTPUT_TAGS), "watchdog_ms: 300")
+        )
         command = ["controller", "run", "--field", str(field), "--retain", retain, "--no-hmi", "--events", "json"]
         running = subprocess.Popen(
             [sys.executable, "-m", *command, SIMULATED[0]],
@@ -61,7 +63,7 @@ def test_the_loss_of_a_device_with_a_chinese_name_is_told(console: str, tmp_path
 
 
 @pytest.mark.parametrize("console", first_of(CONSOLES))
-@pytest.mark.parametrize("command", ["planter", "study cabbage-rsm --data reconciled"])
+@pytest.mark.parametrize("command", first_of(["planter", "study cabbage-rsm --data reconciled"]))
 def test_a_report_with_signs_is_printed_on_every_console(console: str, command: str) -> None:
     extra, encoding = CONSOLES[console]
     done = subprocess.run(

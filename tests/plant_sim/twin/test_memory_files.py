@@ -63,6 +63,7 @@ def test_a_lost_memory_file_is_reported(tmp_path: Path) -> None:
     assert alarms(events) == []
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("end", first_of([signal.SIGKILL, signal.SIGINT, signal.SIGTERM]))
 def test_only_a_run_that_was_killed_is_reported_as_such(tmp_path: Path, end: signal.Signals) -> None:
     store = FileStore(tmp_path / "retentive.json")

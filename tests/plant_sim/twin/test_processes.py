@@ -334,6 +334,7 @@ def test_a_trial_over_modbus_equals_the_trial_in_process(trays: int, scans: int)
     assert counts.in_cups + counts.P + counts.D + counts.T == counts.total or scans < WHOLE_TRIAL
 
 
+@pytest.mark.nightly
 def test_the_trial_command_prints_one_reproducible_json_object(capsys: pytest.CaptureFixture[str]) -> None:
     """Two runs with the same seed, in two processes, differ only in the wall-clock time."""
     command = ("plant_sim", "trial", "--trays", "1", "--json", "--seed")

@@ -272,6 +272,7 @@ def test_empty_cells_are_random_and_do_not_change_other_seedlings() -> None:
 # --- air -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_the_air_of_a_report_equals_the_integral_of_the_air_command(tmp_path: Path) -> None:
     path = tmp_path / "trial.parquet"
     twins: list[Twin] = []

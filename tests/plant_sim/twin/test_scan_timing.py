@@ -67,6 +67,7 @@ def test_the_supervision_stops_the_machine_before_it_moves_a_seedling(timing: Sc
     assert "alarm S902" in report.text()
 
 
+@pytest.mark.nightly
 def test_without_supervision_long_scans_damage_seedlings_or_stop_the_machine() -> None:
     report = trial(unsupervised(), ScanTiming(50, 2))
     assert "S902" not in " ".join(report.alarms)
@@ -121,6 +122,7 @@ def test_the_input_filter_sees_changes_between_two_scans() -> None:
     assert image == [False]
 
 
+@pytest.mark.nightly
 def test_table() -> None:
     timing = ScanTiming(12, 2, 80)
     reports = [trial(IDLE, timing)]

@@ -75,6 +75,7 @@ def twenty_trays(planting_frequency_per_min: float) -> TrialReport:
     return run_trial(seed=1, trays=20, parameters=parameters)
 
 
+@pytest.mark.nightly
 def test_45_cups_a_minute_are_sustained_over_twenty_trays() -> None:
     report = twenty_trays(45.0)
     assert report.completed, report.reason

@@ -12,7 +12,7 @@ from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.common.modbus.io_map import IoMap
 from controller.core.clock import Clock
 from controller.core.devices import WORD_MAX, Memory
-from controller.hmi.access.status_registers import R_ALARMS_PEAK, R_LATENESS, R_NAME
+from controller.hmi.access.status_registers import R_ALARMS_PEAK, R_LATENESS
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
 from controller.hmi.panel.modbus.connection import ModbusConnection
 
@@ -24,7 +24,6 @@ R_FORCING_ALLOWED: Final = 7
 R_FORCED: Final = 8
 R_WORDS: Final = R_ALARMS_PEAK + 1
 """Length of the mirrored part of the R area, words."""
-NAME_ADDRESS: Final = register_address("R", R_NAME)
 STALE_MS: Final = 1_000
 """Age at which the mirror is no longer used for decisions, ms."""
 

@@ -3,23 +3,27 @@
 The controller releases a jogged output when requests on the jogging connection stop. That connection is therefore used
 for nothing else, and requests are sent only after a renewal by the browser. After a jog that ended without a release
 (timeout, refusal, lost connection), the browser must release the button before the next jog, so that a late message
-never starts a motion.
+never starts a motion. A renewal counts from the time of the view in which it was given, so that a jog also ends if the
+browser still sends but receives nothing.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
-from controller.common.modbus.async_client import ModbusClientError
+from controller.common.modbus.async_client import ConnectionClosedError, ModbusClientError
 from controller.common.modbus.client_requests import ExceptionReplyError
+from controller.common.supervision.tasks import supervised_task
 from controller.core.clock import Clock
 from controller.hmi.modbus.fx3u_map import coil_address
-from controller.hmi.panel.modbus.connection import ModbusConnection
-from controller.hmi.panel.modbus.mirror import NAME_ADDRESS, Mirror
+from controller.hmi.panel.modbus.connection import NAME_ADDRESS, ModbusConnection, name_words
+from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.orders.login import AccessLevel
-from controller.hmi.panel.orders.session import BrowserSession, OrderRefusedError, name_words, obstacle_text
+from controller.hmi.panel.orders.replies import reply_text
+from controller.hmi.panel.orders.session import BrowserSession, OrderRefusedError, obstacle_text
 from controller.program.machine import Transplanter
 from controller.program.operator.commands import JOG_LEASE_MS
 
@@ -80,20 +84,20 @@ class Jogging:
                 self._check(session, output)
         except OrderRefusedError:
             self._end(session)
-            session.release_required = True
+            session.release_reason = session.release_reason or reply_text("press again")
             raise
         jog = self._active
         if jog is None:
             command = self._commands[output]
             jog = self._active = _ActiveJog(session, output, coil_address("M", command.bit.number))
-            self._task = asyncio.create_task(self._run(jog))
-        jog.renewed_ms = self._clock.now_ms()
+            self._task = supervised_task("jog", partial(self._run, jog))
+        jog.renewed_ms = max(jog.renewed_ms, self._clock.now_ms() - session.view_age_ms)
         jog.changed.set()
 
     def release(self, session: BrowserSession) -> None:
         """End the jog of a session and permit its next jog."""
         self._end(session)
-        session.release_required = False
+        session.release_reason = None
 
     async def close(self) -> None:
         """End the active jog and wait until the release is written."""
@@ -107,7 +111,9 @@ class Jogging:
             raise OrderRefusedError.because("no output", name=output)
         if jog is not None and jog.session is not session and not jog.released:
             raise OrderRefusedError.because("jog taken")
-        if session.release_required or (jog is not None and not jog.released and jog.output != output):
+        if session.release_reason is not None:
+            raise OrderRefusedError(session.release_reason)
+        if jog is not None and not jog.released and jog.output != output:
             raise OrderRefusedError.because("press again")
         if not self._mirror.fresh:
             raise OrderRefusedError.because("no controller")
@@ -121,13 +127,21 @@ class Jogging:
             self._active.changed.set()
 
     async def _run(self, jog: _ActiveJog) -> None:
+        """Hold the output until the jog ends; after any other end than a release, the session must release it first."""
         connection = self._connect()
         try:
-            await connection.write_words(NAME_ADDRESS, name_words(AccessLevel.MAINTAIN))
+            await connection.write_words(NAME_ADDRESS, name_words(AccessLevel.MAINTAIN.name.lower()))
             while await self._renewed(jog):
                 await connection.write_bit(jog.coil, True)
-        except (ModbusClientError, ExceptionReplyError):
-            jog.session.release_required = True
+        except ConnectionClosedError:
+            jog.session.release_reason = reply_text("jog closed")
+        except ModbusClientError:
+            jog.session.release_reason = reply_text("jog unanswered")
+        except ExceptionReplyError as refusal:
+            jog.session.release_reason = reply_text("refused", code=refusal.code)
+        except Exception:
+            jog.session.release_reason = reply_text("press again")
+            raise
         finally:
             try:
                 if connection.connected:
@@ -142,10 +156,12 @@ class Jogging:
         """Wait for the next renewal; return False if the output must be released."""
         remaining_ms = jog.renewed_ms + LEASE_MS - self._clock.now_ms()
         try:
+            if remaining_ms <= 0 and not jog.released:
+                raise TimeoutError
             async with asyncio.timeout(max(remaining_ms, 0) / 1_000):
                 await jog.changed.wait()
         except TimeoutError:
-            jog.session.release_required = True
+            jog.session.release_reason = reply_text("jog late")
             return False
         jog.changed.clear()
         return not jog.released

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import ipaddress
 import os
 import secrets
 from collections.abc import Mapping
@@ -19,6 +18,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from controller.common.client_slots import address_group
 from controller.common.errors import InputError
 from controller.common.files.trust import secret_exposure
 from controller.core.clock import Clock
@@ -33,8 +33,10 @@ PASSWORD_MAX: Final = 128
 SESSION_MS: Final = 8 * 3_600_000
 MAX_SESSIONS: Final = 100
 MAX_ATTEMPTS: Final = 5
-"""Number of wrong passwords after which a peer is locked out."""
+"""Number of wrong passwords after which a user is locked out at an address."""
 LOCKOUT_MS: Final = 30_000
+MAX_LOCKS: Final = 1_000
+"""Number of users at addresses with wrong passwords that are remembered; the one with the fewest is forgotten first."""
 
 
 class AccessLevel(IntEnum):
@@ -234,36 +236,42 @@ class LoginSessions:
 
 
 class LoginThrottle:
-    """Lockout of peers after repeated wrong passwords."""
+    """Lockout after repeated wrong passwords, of one user at one address.
+
+    Another user of the address, and the user at another address, can log in. All unknown users of an address count as
+    one, so that the number of locks of an address is bounded, and at most `MAX_LOCKS` are remembered.
+    """
 
     def __init__(self, clock: Clock) -> None:
         """Initialise with no failed attempts."""
         self._clock = clock
-        self._failures: dict[str, tuple[int, int]] = {}
+        self._failures: dict[tuple[str, str], tuple[int, int]] = {}
 
-    def locked_s(self, peer: str) -> int:
-        """Return the remaining lockout of a peer, s; 0 if it is not locked out."""
-        count, last_ms = self._failures.get(peer, (0, 0))
+    @property
+    def remembered(self) -> int:
+        """Number of users at addresses with wrong passwords that are remembered."""
+        return len(self._failures)
+
+    def locked_s(self, user: str, peer: str) -> int:
+        """Return the remaining lockout of a user at an address, s; 0 if there is none."""
+        count, last_ms = self._failures.get(_lock_key(user, peer), (0, 0))
         remaining_ms = last_ms + LOCKOUT_MS - self._clock.now_ms()
         return -(-remaining_ms // 1_000) if count >= MAX_ATTEMPTS and remaining_ms > 0 else 0
 
-    def begin(self, peer: str) -> None:
+    def begin(self, user: str, peer: str) -> None:
         """Count an attempt as failed before checking it, so that the limit also applies to concurrent attempts."""
         now_ms = self._clock.now_ms()
-        self._failures = {name: failed for name, failed in self._failures.items() if failed[1] + LOCKOUT_MS > now_ms}
-        count, _ = self._failures.get(peer, (0, 0))
-        self._failures[peer] = (count + 1, now_ms)
+        self._failures = {key: failed for key, failed in self._failures.items() if failed[1] + LOCKOUT_MS > now_ms}
+        key = _lock_key(user, peer)
+        count, _ = self._failures.pop(key, (0, 0))
+        if len(self._failures) >= MAX_LOCKS:
+            del self._failures[min(self._failures, key=lambda other: self._failures[other])]
+        self._failures[key] = (count + 1, now_ms)
 
-    def succeed(self, peer: str) -> None:
-        """Clear the failed attempts of a peer after a correct password."""
-        self._failures.pop(peer, None)
+    def succeed(self, user: str, peer: str) -> None:
+        """Clear the failed attempts of a user at an address after a correct password."""
+        self._failures.pop(_lock_key(user, peer), None)
 
 
-def is_loopback(host: str | None) -> bool:
-    """Return whether a peer address is a loopback address."""
-    try:
-        address = ipaddress.ip_address(host or "")
-    except ValueError:
-        return False
-    mapped = getattr(address, "ipv4_mapped", None)
-    return (mapped or address).is_loopback
+def _lock_key(user: str, peer: str) -> tuple[str, str]:
+    return user if user in USERS else "", address_group(peer)

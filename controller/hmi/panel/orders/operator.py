@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from controller.common.modbus.async_client import ModbusClientError
+from controller.common.modbus.async_client import ConnectionClosedError, ModbusClientError
 from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.core.clock import Clock
 from controller.core.expr import Bit, Word
 from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmRefusalError
 from controller.hmi.access import status_registers as status
 from controller.hmi.modbus.fx3u_map import coil_address, register_address
-from controller.hmi.panel.modbus.connection import ModbusConnection
-from controller.hmi.panel.modbus.mirror import NAME_ADDRESS, R_SIMULATED, Mirror
+from controller.hmi.panel.modbus.connection import NAME_ADDRESS, ModbusConnection, name_words
+from controller.hmi.panel.modbus.mirror import R_SIMULATED, Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders import messages
 from controller.hmi.panel.orders.jog import Jogging
@@ -33,7 +33,6 @@ from controller.hmi.panel.orders.session import (
     BrowserSession,
     OrderRefusedError,
     force_obstacle,
-    name_words,
     obstacle_text,
 )
 from controller.io.pace import FASTEST, FLAT_OUT
@@ -157,6 +156,7 @@ class OrderHandler:
                     await self._renew_forces()
         finally:
             self._connection.close()
+            self._forget_forces()
 
     async def _dispatch(self, order: messages.Order, session: BrowserSession, level: AccessLevel) -> Text:
         match order:
@@ -322,15 +322,21 @@ class OrderHandler:
             async with self._lock:
                 await self._connection.read_words(register_address("R", 0), 2)
         except (ModbusClientError, ExceptionReplyError):
-            for session in self._forcing:
-                session.forced.clear()  # the controller ended the forcing when the connection was lost
+            self._forget_forces()
+
+    def _forget_forces(self) -> None:
+        """Clear the forced inputs: the controller ended the forcing when the connection was lost."""
+        for session in self._forcing:
+            session.forced.clear()
 
     @asynccontextmanager
     async def _signed(self, level: AccessLevel) -> AsyncIterator[None]:
         """Reserve the connection and write the operator name for the audit log."""
         async with self._lock:
             try:
-                await self._connection.write_words(NAME_ADDRESS, name_words(level))
+                await self._connection.write_words(NAME_ADDRESS, name_words(level.name.lower()))
+            except ConnectionClosedError as error:
+                raise OrderRefusedError.because("closed") from error
             except ModbusClientError as error:
                 raise OrderRefusedError.because("no controller") from error
             yield

@@ -26,7 +26,11 @@ REPLIES: Final = {
     "busy": Text("too many pending orders; wait for the replies", "待处理的指令过多，请等待答复"),
     "level": Text("{level} login required", "需要{level}登录"),
     "wrong password": Text("wrong user or password", "用户或密码错误"),
-    "too many tries": Text("too many wrong passwords; wait {seconds} s", "密码错误次数过多，请等待 {seconds} 秒"),
+    "too many tries": Text(
+        "too many wrong passwords of this user at this address; wait {seconds} s",
+        "此用户在此地址的密码错误次数过多，请等待 {seconds} 秒",
+    ),
+    "too slow": Text("the request did not arrive completely within {seconds} s", "请求未在 {seconds} 秒内完整到达"),
     "first run": Text("no passwords are set; set them on the panel computer", "尚未设置密码，请在面板所在计算机上设置"),
     "first only here": Text(
         "the first passwords can only be set on the panel computer",
@@ -46,6 +50,10 @@ REPLIES: Final = {
     "no controller": Text(
         "the controller does not respond; check that it is running", "控制器无应答，请检查其是否运行"
     ),
+    "closed": Text(
+        "not executed: the controller closed the connection; it has too many connections, or it is stopping",
+        "未执行：控制器关闭了连接；连接过多，或控制器正在停止",
+    ),
     "unsure": Text("no response; check whether the order was executed", "未收到应答，请确认指令是否已执行"),
     "refused": Text(
         "refused by the controller (Modbus exception {code:02d})", "被控制器拒绝（Modbus 异常码 {code:02d}）"
@@ -61,6 +69,19 @@ REPLIES: Final = {
     "no output": Text("output {name!r} cannot be jogged", "输出 {name!r} 不可点动"),
     "jog taken": Text("another operator is jogging an output", "其他操作员正在点动"),
     "press again": Text("release the button and press it again", "请松开按钮后重新按下"),
+    "jog closed": Text(
+        "the controller closed the connection of the jog: too many connections, or it is stopping; release the button "
+        "and press it again",
+        "控制器关闭了点动的连接：连接过多，或控制器正在停止；请松开按钮后重新按下",
+    ),
+    "jog unanswered": Text(
+        "the controller did not respond to the jog in time; release the button and press it again",
+        "控制器未及时应答点动，请松开按钮后重新按下",
+    ),
+    "jog late": Text(
+        "the page did not renew the jog in time; release the button and press it again",
+        "页面未及时续点动，请松开按钮后重新按下",
+    ),
     "no box": Text("no simulated operator box available", "没有可用的仿真操作盒"),
     "no box answer": Text("the operator box does not respond", "操作盒无应答"),
     "no pace": Text("not a simulation: the speed cannot be changed", "非仿真运行，不能变速"),

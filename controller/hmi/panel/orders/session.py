@@ -6,9 +6,7 @@ from typing import Final, Literal, Self
 
 from controller.core.devices import Memory
 from controller.core.expr import evaluate
-from controller.hmi.access.status_registers import NAME_WORDS
 from controller.hmi.panel.modbus.mirror import R_FORCING_ALLOWED, Mirror
-from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.replies import reply_text
 from controller.program.machine import Transplanter
 from controller.program.operator.commands import Command
@@ -28,14 +26,16 @@ class BrowserSession:
     Attributes:
         forced: Inputs forced by this browser, each as the numeric value of its octal label.
         pressed: Buttons of the operator box held by this browser.
-        release_required: True after a jog that ended without a release; the next jog requires a release of the button.
+        release_reason: Why a jog ended without a release, after which the button must be released; None otherwise.
+        view_age_ms: Age of the view in which the last order was given, ms.
     """
 
     def __init__(self) -> None:
         """Initialise a session without forced inputs or pressed buttons."""
         self.forced: set[int] = set()
         self.pressed: set[Button] = set()
-        self.release_required = False
+        self.release_reason: Text | None = None
+        self.view_age_ms = 0
 
 
 class OrderRefusedError(Exception):
@@ -54,12 +54,6 @@ class OrderRefusedError(Exception):
     def because(cls, key: str, **values: object) -> Self:
         """Return the error whose reason is stored under this key in `replies.REPLIES`."""
         return cls(reply_text(key, **values))
-
-
-def name_words(level: AccessLevel) -> list[int]:
-    """Return the operator name for the audit log: ASCII, two characters per register, padded with zeros."""
-    text = level.name.lower().encode("ascii").ljust(2 * NAME_WORDS, b"\0")[: 2 * NAME_WORDS]
-    return [int.from_bytes(text[index : index + 2]) for index in range(0, len(text), 2)]
 
 
 def force_obstacle(tags: Tags, mirror: Mirror) -> Text | None:

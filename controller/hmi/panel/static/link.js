@@ -6,6 +6,7 @@ const MAX_WAIT_MS = 3000;
 const REPLY_LIMIT_MS = 5000;
 const CHECK_PERIOD_MS = 100;
 const SESSION_ENDED = 4401;
+const NO_PLACE = 1013;
 
 /** Connection to the panel server with automatic reconnection. */
 export class Link extends EventTarget {
@@ -18,6 +19,7 @@ export class Link extends EventTarget {
   #wait = FIRST_WAIT_MS;
   #retry = null;
   #status = "closed";
+  #hasPlace = true;
 
   constructor() {
     super();
@@ -27,6 +29,11 @@ export class Link extends EventTarget {
   /** live: current data; stale: no data from the controller; closed: no data from the panel server. */
   get status() {
     return this.#status;
+  }
+
+  /** Name of the text that tells why there is no live view. */
+  get cause() {
+    return this.#status === "closed" && !this.#hasPlace ? "full" : this.#status;
   }
 
   get live() {
@@ -79,6 +86,7 @@ export class Link extends EventTarget {
     }
     if (message.type === "full") {
       this.view = message.view;
+      this.#hasPlace = true;
       this.#wait = FIRST_WAIT_MS;
     } else if (this.view === null || message.seq !== this.#sequence + 1) {
       this.open(); // a message is missing: request the full view again
@@ -103,6 +111,8 @@ export class Link extends EventTarget {
   #closed(socket, code) {
     if (socket !== this.#socket) return;
     this.#drop();
+    this.#hasPlace = code !== NO_PLACE;
+    if (!this.#hasPlace) this.#wait = MAX_WAIT_MS;
     this.#checkStatus();
     if (code === SESSION_ENDED) {
       this.dispatchEvent(new Event("ended"));

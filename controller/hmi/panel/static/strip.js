@@ -38,8 +38,8 @@ export class Strip {
 
   /** Show the state of the link, and that of the machine as far as it is known. */
   update(link) {
-    const { view, live, status } = link;
-    warn(this.stale, live ? "" : t(`link.${status}`));
+    const { view, live, cause } = link;
+    warn(this.stale, live ? "" : t(`link.${cause}`));
     this.keys.update();
     if (view === null) return;
     warn(this.paused, live && view.link.paused ? t("link.paused") : "");

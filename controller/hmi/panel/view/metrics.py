@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from controller.common.supervision.failures import ITEMS, dropped, failures
 from controller.hmi.access import status_registers as status
 from controller.hmi.panel.modbus import mirror as registers
 from controller.hmi.panel.modbus.mirror import Mirror
@@ -62,6 +63,11 @@ class Metrics(Collector):
         orders.add_metric(["done"], operator.done)
         orders.add_metric(["refused"], operator.refused)
         yield orders
+        failed = CounterMetricFamily(f"{_PREFIX}_panel_failures", "unexpected exceptions of the panel", labels=["part"])
+        for part, count in sorted(failures().items()):
+            failed.add_metric([part], count)
+        yield failed
+        yield _dropped("panel_dropped", "panel", {item: dropped(item) for item in ("trends", "log")})
         if mirror.fresh:
             yield from self._controller()
 
@@ -76,6 +82,9 @@ class Metrics(Collector):
         yield _gauge("field_up", "1 = the field I/O responds to the controller", not mirror.word(registers.R_LINK_LOST))
         yield _counter("refused_writes", "refused Modbus writes", mirror.long(_R_REFUSED_WRITES))
         yield _gauge("modbus_connections", "connected Modbus clients", mirror.word(_R_CONNECTIONS))
+        yield _counter("failures", "unexpected exceptions of the controller", mirror.long(status.R_FAILURES))
+        lost = {item: mirror.long(number) for item, (number, _) in status.DROPPED.items()}
+        yield _dropped("dropped", "controller", lost)
         yield _counter("refused_commands", "commands refused by the program", memory.D[machine.refusals.number])
         yield _gauge("state", "PackML state number", memory.D[machine.state.number])
         yield _gauge("mode", "mode number", memory.D[machine.mode.number])
@@ -90,6 +99,14 @@ def _gauge(name: str, meaning: str, value: float) -> GaugeMetricFamily:
 
 def _counter(name: str, meaning: str, value: float) -> CounterMetricFamily:
     return CounterMetricFamily(f"{_PREFIX}_{name}", meaning, value=float(value))
+
+
+def _dropped(name: str, process: str, counts: Mapping[str, int]) -> CounterMetricFamily:
+    meaning = f"lost items of the {process}: " + "; ".join(f"{item} = {ITEMS[item]}" for item in counts)
+    family = CounterMetricFamily(f"{_PREFIX}_{name}", meaning, labels=["item"])
+    for item, count in counts.items():
+        family.add_metric([item], count)
+    return family
 
 
 def _histogram(name: str, meaning: str, mirror: Mirror, first: int, sum_register: int) -> HistogramMetricFamily:

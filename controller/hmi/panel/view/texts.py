@@ -1,7 +1,6 @@
 """Texts of the panel page in English and Chinese.
 
-The labels are defined here, page by page; the names of the parts of the program are in `names`. The page looks up a
-text by its key; ``{name}`` in a text is a placeholder that the page fills in.
+The labels are here, page by page, and the names of the parts of the program in `names`; the page fills in ``{name}``.
 """
 
 from __future__ import annotations
@@ -64,6 +63,7 @@ _FRAME: Final = {
     "link.stale_short": Text("No data", "无数据"),
     "link.stale": Text("No data from the controller: commands disabled", "控制器无数据：操作已禁用"),
     "link.closed": Text("No connection to the panel: commands disabled", "与面板的连接已断开：操作已禁用"),
+    "link.full": Text("No free place at the panel: log in or close other pages", "面板无空位：请登录或关闭其他页面"),
     "link.paused": Text("Simulated time is paused, the machine stands", "仿真时间已暂停，机器静止"),
     "link.field_lost": Text("Field link lost: inputs substituted, outputs off", "现场通信中断：输入为替代值，输出已断"),
     "link.no_telemetry": Text("No telemetry", "无遥测数据"),

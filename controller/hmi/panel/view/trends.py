@@ -7,6 +7,8 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from controller.common.supervision.failures import drop
+from controller.common.supervision.threads import in_thread
 from controller.history.query import CycleTimes, HistoryReader
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.view.state import Json
@@ -93,7 +95,7 @@ class Trends:
         """Write the periods that are not yet in the file."""
         async with self._writing:
             rows = list(self._unwritten)
-            if rows and self._file is not None and await asyncio.to_thread(self._file.append, self._names, rows):
+            if rows and self._file is not None and await in_thread("trend file", self._file.append, self._names, rows):
                 for _ in rows:
                     self._unwritten.popleft()
 
@@ -118,7 +120,7 @@ class Trends:
         from_ms = max(to_ms - span_ms, now_ms - KEPT_MS)
         step_ms = max(SAMPLE_MS, -(-span_ms // points))
         samples = self._recorded(step_ms)
-        tables = await asyncio.to_thread(self._tables, samples, from_ms, to_ms, step_ms)
+        tables = await in_thread("trends of the panel", self._tables, samples, from_ms, to_ms, step_ms)
         return {
             "now_ms": now_ms,
             "from_ms": from_ms,
@@ -161,6 +163,7 @@ class Trends:
             self._open.clear()
             self._periods.append(period)
             if self._file is not None:
+                drop("trends", len(self._unwritten) == self._unwritten.maxlen)
                 self._unwritten.append(period)
 
     def _drop_from(self, now_ms: int) -> None:

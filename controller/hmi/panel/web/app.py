@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 from starlette.applications import Starlette
-from starlette.requests import HTTPConnection, Request
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
+from controller.common.supervision.tasks import REQUEST, supervised_item, supervised_task
+from controller.common.supervision.threads import in_thread
 from controller.core.clock import Clock, utc_ms
 from controller.history.query import HistoryReader, Record
 from controller.hmi.panel.modbus.connection import ModbusConnection
@@ -37,19 +38,19 @@ from controller.hmi.panel.orders.login import (
     Users,
 )
 from controller.hmi.panel.orders.operator import OrderHandler
-from controller.hmi.panel.orders.replies import level_text, reply_text
+from controller.hmi.panel.orders.replies import level_text
 from controller.hmi.panel.view.describe import describe, public
 from controller.hmi.panel.view.metrics import CONTENT_TYPE, Metrics
-from controller.hmi.panel.view.state import ViewBuilder, in_both
+from controller.hmi.panel.view.state import ViewBuilder
 from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trends import KEPT_MS, LEAST_SPAN_MS, MOST_POINTS, Trends
+from controller.hmi.panel.web.answers import body_of, reply, response, whole_number
 from controller.hmi.panel.web.guard import Guard, is_local, peer_of
+from controller.hmi.panel.web.listener import Attendance, PanelListener
 from controller.hmi.panel.web.sockets import BrowserSocket, ViewBroadcaster
 from controller.program.machine import Transplanter
 from controller.program.tags import SIDES
-from controller.program.texts.operator import Language, Text
-
-_log = logging.getLogger(__name__)
+from controller.program.texts.operator import Language
 
 STATIC: Final = Path(__file__).parents[1] / "static"
 _PACKAGED_PICTURE: Final = STATIC.with_name("machine.svg")
@@ -57,13 +58,10 @@ PICTURE: Final = _PACKAGED_PICTURE if _PACKAGED_PICTURE.exists() else STATIC.par
 """Picture of the machine, in the installed package or in the documentation of a checkout."""
 COOKIE: Final = "panel_session"
 CANCEL_PERIOD_S: Final = 0.1
-MAX_BODY: Final = 4_096
-"""Size limit of a request body, bytes."""
 HISTORY_CHECK_S: Final = 2.0
 """Period of the look for a history and its newest change of an alarm, s."""
 
 Endpoint = Callable[[Request], Awaitable[Response]]
-Body = TypeVar("Body", bound=BaseModel)
 
 
 class _Login(BaseModel):
@@ -112,16 +110,21 @@ class PanelApplication:
         sessions: Active login sessions.
         mirror: Mirror of the controller.
         operator: Executor of orders.
+        listener: Listener of the connections.
     """
 
-    def __init__(self, sources: Sources, users: Users, *, secure: bool = False) -> None:
+    def __init__(
+        self, sources: Sources, users: Users, listener: PanelListener | None = None, *, secure: bool = False
+    ) -> None:
         """Assemble the panel.
 
         Args:
             sources: Data sources.
             users: Passwords.
+            listener: Listener of the connections; None if they have no slots.
             secure: True if TLS is used; the session cookie is then sent over TLS only.
         """
+        self.listener = listener
         machine, clock, telemetry = sources.machine, sources.clock, sources.telemetry
         self.sessions = LoginSessions(clock)
         self.mirror = Mirror(clock)
@@ -150,18 +153,17 @@ class PanelApplication:
     async def running(self) -> AsyncIterator[None]:
         """Run the background tasks (polling, views, orders) while the application runs."""
         poller = Poller(self._sources.connect(), self.mirror, self._sources.machine.io_map)
-        jobs: list[Coroutine[Any, Any, None]] = [
-            poller.run(),
-            self._broadcaster.run(),
-            self.operator.run(),
-            self._watch_history(),
-            self._trends.run(),
+        tasks = [
+            supervised_task("panel poll", poller.run),
+            supervised_task("panel view", self._broadcaster.run),
+            supervised_task("forced inputs", self.operator.run),
+            supervised_task("newest alarm", self._watch_history),
+            supervised_task("trend writer", self._trends.run),
         ]
         if self._sources.telemetry is not None:
-            jobs.append(self._sources.telemetry.run())
-        tasks = [asyncio.create_task(job) for job in jobs]
-        for task in tasks:
-            task.add_done_callback(_log_failure)
+            tasks.append(supervised_task("telemetry poll", self._sources.telemetry.run))
+        if self.listener is not None:
+            tasks.append(supervised_task("panel connections", self.listener.watch))
         try:
             yield
         finally:
@@ -177,52 +179,52 @@ class PanelApplication:
         """Start a session with a user name and a password."""
         peer = peer_of(request)
         if self._users.first_run:
-            return _reply(409, "first run")
-        locked_s = self._throttle.locked_s(peer)
+            return reply(409, "first run")
+        body = await body_of(request, _Login, "user, password")
+        if isinstance(body, Response):
+            return body
+        locked_s = self._throttle.locked_s(body.user, peer)
         if locked_s:
-            response = _reply(429, "too many tries", seconds=locked_s)
-            response.headers["retry-after"] = str(locked_s)
-            return response
-        body = await _body(request, _Login)
-        if body is None:
-            return _reply(400, "malformed", what="user, password")
-        self._throttle.begin(peer)
+            locked = reply(429, "too many tries", seconds=locked_s)
+            locked.headers["retry-after"] = str(locked_s)
+            return locked
+        self._throttle.begin(body.user, peer)
         async with self._hash_lock:
-            correct = await asyncio.to_thread(self._users.matches, body.user, body.password)
+            correct = await in_thread("password check", self._users.matches, body.user, body.password)
         user = next((user for user in USERS if user == body.user), None)
         if not correct or user is None:
-            return _reply(401, "wrong password")
-        self._throttle.succeed(peer)
+            return reply(401, "wrong password")
+        self._throttle.succeed(user, peer)
         self.sessions.end(request.cookies.get(COOKIE))
-        return self._with_session(_reply(200, "welcome"), user)
+        return self._with_session(reply(200, "welcome"), user)
 
     async def logout(self, request: Request) -> Response:
         """End the session."""
         self.sessions.end(request.cookies.get(COOKIE))
-        response = _reply(200, "bye")
-        response.delete_cookie(COOKIE, path="/", secure=self._secure, httponly=True, samesite="strict")
-        return response
+        answer = reply(200, "bye")
+        answer.delete_cookie(COOKIE, path="/", secure=self._secure, httponly=True, samesite="strict")
+        return answer
 
     async def first(self, request: Request) -> Response:
         """Set both passwords on the first run; permitted from the local computer only."""
         if not is_local(request):
-            return _reply(403, "first only here")
-        body = await _body(request, _FirstPasswords)
-        if body is None:
-            return _reply(400, "malformed", what="operate, maintain")
+            return reply(403, "first only here")
+        body = await body_of(request, _FirstPasswords, "operate, maintain")
+        if isinstance(body, Response):
+            return body
         passwords: dict[User, str] = {"operate": body.operate, "maintain": body.maintain}
         if not all(PASSWORD_MIN <= len(password) <= PASSWORD_MAX for password in passwords.values()):
-            return _reply(400, "password length", least=PASSWORD_MIN, most=PASSWORD_MAX)
+            return reply(400, "password length", least=PASSWORD_MIN, most=PASSWORD_MAX)
         if body.operate == body.maintain:
-            return _reply(400, "same password")
+            return reply(400, "same password")
         async with self._hash_lock:
             if not self._users.first_run:
-                return _reply(409, "first is over")
+                return reply(409, "first is over")
             try:
-                await asyncio.to_thread(self._users.set_first, passwords)
+                await in_thread("password file", self._users.set_first, passwords)
             except OSError as error:
-                return _reply(500, "not stored", why=error.strerror or error)
-        return _reply(200, "set up")
+                return reply(500, "not stored", why=error.strerror or error)
+        return reply(200, "set up")
 
     async def describe(self, request: Request) -> Response:
         """Return the description for the page; before login, only the part that the login dialog needs."""
@@ -234,7 +236,7 @@ class PanelApplication:
         """Return rows of the history, newest first."""
         reader = self._sources.history
         if reader is None:
-            return _reply(404, "no history")
+            return reply(404, "no history")
         tables: dict[str, Callable[[int, int | None], list[Record]]] = {
             "events": reader.events,
             "alarms": reader.alarms,
@@ -242,31 +244,31 @@ class PanelApplication:
             "audit": reader.audit,
         }
         table = tables.get(request.path_params["table"])
-        last, before = _whole_number(request, "last", "100"), _whole_number(request, "before", "")
+        last, before = whole_number(request, "last", "100"), whole_number(request, "before", "")
         if table is None or last is None or (before is None and "before" in request.query_params):
-            return _reply(400, "malformed", what="events|alarms|cycles|audit, last, before")
-        if not await asyncio.to_thread(lambda: reader.present):
-            return _reply(404, "no history")
-        return JSONResponse(await asyncio.to_thread(table, last, before))
+            return reply(400, "malformed", what="events|alarms|cycles|audit, last, before")
+        if not await in_thread("history of the panel", lambda: reader.present):
+            return reply(404, "no history")
+        return JSONResponse(await in_thread("history of the panel", table, last, before))
 
     async def last_cycle(self, request: Request) -> Response:
         """Return the last cycle of an arm with its edges."""
         reader = self._sources.history
         side = next((side for side in SIDES if side == request.query_params.get("side")), None)
         if side is None:
-            return _reply(400, "malformed", what="side")
-        if reader is None or not await asyncio.to_thread(lambda: reader.present):
-            return _reply(404, "no history")
-        return JSONResponse(await asyncio.to_thread(reader.last_cycle, side))
+            return reply(400, "malformed", what="side")
+        if reader is None or not await in_thread("history of the panel", lambda: reader.present):
+            return reply(404, "no history")
+        return JSONResponse(await in_thread("history of the panel", reader.last_cycle, side))
 
     async def trends(self, request: Request) -> Response:
         """Return the trends of a time span, as many points as the page can show."""
-        span_ms, points = _whole_number(request, "span", "0"), _whole_number(request, "points", "0")
-        end_ms = _whole_number(request, "end", "")
+        span_ms, points = whole_number(request, "span", "0"), whole_number(request, "points", "0")
+        end_ms = whole_number(request, "end", "")
         if span_ms is None or points is None or (end_ms is None and "end" in request.query_params):
-            return _reply(400, "malformed", what="span, points, end")
+            return reply(400, "malformed", what="span, points, end")
         if not (LEAST_SPAN_MS <= span_ms <= KEPT_MS and 1 <= points <= MOST_POINTS):
-            return _reply(400, "malformed", what=f"span {LEAST_SPAN_MS}-{KEPT_MS}, points 1-{MOST_POINTS}, end")
+            return reply(400, "malformed", what=f"span {LEAST_SPAN_MS}-{KEPT_MS}, points 1-{MOST_POINTS}, end")
         return JSONResponse(await self._trends.answer(span_ms, end_ms, points))
 
     async def metrics(self, _: Request) -> Response:
@@ -278,14 +280,16 @@ class PanelApplication:
         if self.level(socket) is AccessLevel.NONE:
             await socket.close(1008)
             return
-        await BrowserSocket(socket, self._broadcaster, self.operator, lambda: self.level(socket)).serve()
+        await BrowserSocket(
+            socket, self._broadcaster, self.operator, lambda: self.level(socket), peer_of(socket)
+        ).serve()
 
     def requires_view(self, endpoint: Endpoint) -> Endpoint:
         """Return an endpoint that requires at least the VIEW level."""
 
         async def checked(request: Request) -> Response:
             if self.level(request) is AccessLevel.NONE:
-                return _response(401, level_text(AccessLevel.OPERATE))
+                return response(401, level_text(AccessLevel.OPERATE))
             return await endpoint(request)
 
         return checked
@@ -294,11 +298,11 @@ class PanelApplication:
         """Look periodically for the history and its newest change of an alarm."""
         reader = self._sources.history
         while reader is not None:
-            self._newest_alarm = await asyncio.to_thread(reader.newest_alarm)
+            self._newest_alarm = await in_thread("history of the panel", reader.newest_alarm)
             await asyncio.sleep(HISTORY_CHECK_S)
 
-    def _with_session(self, response: Response, user: User) -> Response:
-        response.set_cookie(
+    def _with_session(self, answer: Response, user: User) -> Response:
+        answer.set_cookie(
             COOKIE,
             self.sessions.begin(user),
             max_age=SESSION_MS // 1_000,
@@ -307,7 +311,7 @@ class PanelApplication:
             httponly=True,
             samesite="strict",
         )
-        return response
+        return answer
 
 
 def application(panel: PanelApplication, names: Iterable[str]) -> ASGIApp:
@@ -345,34 +349,23 @@ def application(panel: PanelApplication, names: Iterable[str]) -> ASGIApp:
         Route("/metrics", view(panel.metrics)),
         WebSocketRoute("/ws", panel.socket),
     ]
-    return Guard(Starlette(routes=routes, lifespan=lifespan), names)
+    guarded = Guard(_counting(Starlette(routes=routes, lifespan=lifespan)), names)
+    if panel.listener is None:
+        return guarded
+    return Attendance(guarded, panel.listener, lambda connection: panel.level(connection) > AccessLevel.VIEW)
 
 
-def _reply(status: int, key: str, **values: object) -> Response:
-    return _response(status, reply_text(key, **values))
+def _counting(app: ASGIApp) -> ASGIApp:
+    """Return an application that answers unexpected exceptions with status 500, counts them and raises none."""
 
+    async def call(scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await app(scope, receive, send)
+            return
+        with supervised_item(REQUEST), suppress(ClientDisconnect):
+            await app(scope, receive, send)
 
-def _response(status: int, text: Text) -> Response:
-    return JSONResponse({"ok": status == 200, "text": in_both(text)}, status_code=status)
-
-
-async def _body(request: Request, model: type[Body]) -> Body | None:
-    """Return the JSON body of a request; None if it is too long or malformed."""
-    body = b""
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > MAX_BODY:
-            return None
-    try:
-        return model.model_validate_json(body)
-    except ValidationError:
-        return None
-
-
-def _whole_number(request: Request, name: str, default: str) -> int | None:
-    """Return a non-negative integer from the query; None if it is malformed."""
-    text = request.query_params.get(name, default)
-    return int(text) if text.isascii() and text.isdecimal() and len(text) <= 18 else None
+    return call
 
 
 async def _cancel(tasks: Iterable[asyncio.Task[None]]) -> None:
@@ -382,9 +375,3 @@ async def _cancel(tasks: Iterable[asyncio.Task[None]]) -> None:
         for task in running:
             task.cancel()
         _, running = await asyncio.wait(running, timeout=CANCEL_PERIOD_S)
-
-
-def _log_failure(task: asyncio.Task[None]) -> None:
-    error = None if task.cancelled() else task.exception()
-    if error is not None:
-        _log.critical("background task of the panel failed", exc_info=error)

@@ -16,7 +16,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from controller.hmi.panel.orders.login import is_loopback
+from controller.common.client_slots import is_loopback
 from controller.hmi.panel.orders.replies import reply_text
 
 POLICY: Final = (

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import ast
+import asyncio
 import io
+import json
 import logging
 import os
 import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from controller.common.capture import CaptureWriter
-from controller.common.supervision.threads import FAILED, THREADS, Reaction, supervised
+from controller.common.supervision.failures import FAILED, Reaction, dropped, failures
+from controller.common.supervision.threads import CALLS, THREADS, supervised
 from controller.core.clock import utc_ms
 from controller.events.writer import EventWriter, ServingEvent
 from controller.history.file import HistoryFile, HistoryRow
@@ -26,67 +27,58 @@ from controller.hmi.console import Console, ConsoleReader
 from controller.hmi.serving.server import DeviceServer
 from plant_sim.links.server_thread import ServerThread
 from plant_sim.twin.process import Process
+from tests.controller.common.supervision.failure_rig import DefectError, FailsOnce, drawn, fresh_counts, patch
+from tests.controller.common.supervision.source_calls import HOUSE, STARTS_THREADS, source_calls
 from tests.real_time import WAIT_S
 
-ROOT = Path(__file__).parents[4]
-OWN = ROOT / "controller/common/supervision/threads.py"
+EVENTS = 20
 
 
-class DefectError(Exception):
-    """Exception that no thread expects."""
-
-
-class FailsOnce:
-    """Wrapper of a function that raises an exception instead of one of its calls."""
-
-    def __init__(self, function: Callable[..., Any], call: int) -> None:
-        self._function, self._call, self._calls = function, call, 0
-
-    def __call__(self, *args: Any, **named: Any) -> Any:
-        self._calls += 1
-        if self._calls == self._call + 1:
-            raise DefectError
-        return self._function(*args, **named)
-
-
-def calls() -> list[tuple[Path, str, str]]:
-    """Return file, function and first argument of the calls in the source that start threads."""
-    found = []
-    for path in sorted([*(ROOT / "controller").rglob("*.py"), *(ROOT / "plant_sim").rglob("*.py")]):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call):
-                name = ast.unparse(node.func).rpartition(".")[2]
-                if name in {"supervised", "ThreadPoolExecutor", "start_new_thread"} or ast.unparse(node.func) in {
-                    "threading.Thread",
-                    "threading.Timer",
-                    "Thread",
-                }:
-                    first = node.args[0] if node.args else None
-                    found.append((path, name, str(first.value) if isinstance(first, ast.Constant) else ""))
-    return found
+@pytest.fixture(autouse=True)
+def _counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    fresh_counts(monkeypatch)
 
 
 def test_all_threads_of_the_source_are_listed() -> None:
-    found = calls()
-    assert [path for path, name, _ in found if name != "supervised" and path != OWN] == []
-    assert {thread for _, name, thread in found if name == "supervised"} == {*THREADS}
+    calls = source_calls()
+    assert {call.file for call in calls if call.function in STARTS_THREADS} == {f"{HOUSE}/threads.py"}
+    assert {call.first for call in calls if call.function == "supervised"} == {*THREADS}
+    assert {call.first for call in calls if call.function == "in_thread"} == {*CALLS}
 
 
-@pytest.mark.parametrize("failing", range(3))
+@pytest.mark.parametrize("failing", drawn("events", EVENTS))
 def test_the_event_of_an_exception_is_dropped_and_reported(failing: int, caplog: pytest.LogCaptureFixture) -> None:
     """An event is written in two parts, the line and its end."""
     out = io.StringIO()
     out.write = FailsOnce(out.write, 2 * failing)  # type: ignore[method-assign]
     writer = EventWriter("json", out)
-    for port in range(3):
+    for port in range(EVENTS):
         writer.write(ServingEvent(0, port))
     writer.close()
-    kept = [str(port) for port in range(3) if port != failing]
-    assert [line.partition('"hmi_port": ')[2][0] for line in out.getvalue().splitlines()] == kept
+    kept = [port for port in range(EVENTS) if port != failing]
+    assert [json.loads(line)["hmi_port"] for line in out.getvalue().splitlines()] == kept
     assert "thread events: the item is dropped and counted" in caplog.text
+    assert (failures(), dropped("events")) == ({"events": 1}, 1)
 
 
-@pytest.mark.parametrize("failing", range(3))
+@pytest.mark.parametrize("written", drawn("pipe", EVENTS))
+def test_events_after_the_end_of_their_reader_are_counted(written: int) -> None:
+    ours, theirs = os.pipe()
+    with os.fdopen(theirs, "w") as out:
+        writer = EventWriter("json", out)
+        for port in range(written):
+            writer.write(ServingEvent(0, port))
+        for _ in range(written):
+            while os.read(ours, 1) != b"\n":
+                pass
+        os.close(ours)
+        for port in range(5):
+            writer.write(ServingEvent(0, port))
+        writer.close()
+    assert (failures(), dropped("events")) == ({}, 5)
+
+
+@pytest.mark.parametrize("failing", drawn("console", EVENTS))
 def test_the_line_of_an_exception_is_dropped_and_the_console_works_on(
     failing: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -94,66 +86,85 @@ def test_the_line_of_an_exception_is_dropped_and_the_console_works_on(
     executed: queue.SimpleQueue[str] = queue.SimpleQueue()
     console = Console.__new__(Console)
     monkeypatch.setattr(console, "execute", FailsOnce(executed.put, failing))
+    lines = [f"line {number}" for number in range(EVENTS)]
     ours, theirs = os.pipe()
-    os.write(theirs, b"first\nsecond\nthird\n")
+    os.write(theirs, "".join(f"{line}\n" for line in lines).encode())
+    del lines[failing]
     with ConsoleReader(console, ours):
-        got = [executed.get(timeout=WAIT_S) for _ in range(2)]
+        assert [executed.get(timeout=WAIT_S) for _ in lines] == lines
     os.close(ours)
     os.close(theirs)
-    lines = ["first", "second", "third"]
-    del lines[failing]
-    assert got == lines
     assert "thread console: the item is dropped and counted" in caplog.text
+    assert failures() == {"console": 1}
 
 
+@pytest.mark.parametrize("failing", drawn("history", 8))
 def test_the_history_is_tried_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    failing: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    written: queue.SimpleQueue[int] = queue.SimpleQueue()
+    """Each row is committed on its own."""
+    written: queue.SimpleQueue[HistoryRow] = queue.SimpleQueue()
     append = HistoryFile.append
 
     def noted(file: HistoryFile, rows: Sequence[HistoryRow]) -> None:
         append(file, rows)
-        written.put(len(rows))
+        for row in rows:
+            written.put(row)
 
     monkeypatch.setattr(HistoryFile, "append", noted)
-    batch = HistoryWriter._batch
-    failing = FailsOnce(lambda writer: batch(writer), 0)  # noqa: PLW0108 - a function is bound to its instance
-    monkeypatch.setattr(HistoryWriter, "_batch", lambda writer: failing(writer))  # noqa: PLW0108
+    patch(monkeypatch, HistoryWriter, "_batch", 2 * failing)  # twice for each row: once to find that there is no other
     history = HistoryWriter(tmp_path / "history.sqlite", wall_ms=utc_ms, program="p", version="1")
-    assert written.get(timeout=WAIT_S) == 1
+    assert written.get(timeout=WAIT_S).table == "runs"
+    for number in range(10):
+        history.audit("peer", "who", "what", str(number), "done", number)
+        assert written.get(timeout=WAIT_S).at_ms == number
     history.close()
     assert "thread history: the work is tried again" in caplog.text
+    assert (failures(), history.dropped) == ({"history": 1}, 0)
 
 
-@pytest.mark.parametrize("failing", range(3))
+@pytest.mark.parametrize("failing", drawn("capture", EVENTS))
+@pytest.mark.parametrize("error", [DefectError(), OSError(28, "no space left")])
 def test_a_capture_ends_and_its_queue_does_not_grow(
-    failing: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    error: Exception, failing: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(CaptureWriter, "put_header", lambda *_: None)
     out = io.StringIO()
-    out.write = FailsOnce(out.write, failing)  # type: ignore[method-assign]
+    calls = iter(range(EVENTS))
+
+    def write(_: str) -> int:
+        if next(calls) == failing:
+            raise error
+        return 0
+
+    out.write = write  # type: ignore[method-assign]
     out.name = "capture"
     monkeypatch.setattr(Path, "open", lambda *_, **__: out)
     with CaptureWriter(tmp_path / "capture", None) as writer:  # type: ignore[arg-type]
-        for number in range(3):
+        for number in range(EVENTS - 1):  # the last line is the end
             writer.write(0, "M0", number)
     assert writer._lines.empty()
-    assert "capture capture ends here" in caplog.text
+    assert ("capture capture ends here" in caplog.text) == isinstance(error, OSError)
+    assert ("thread capture: the part ends" in caplog.text) == isinstance(error, DefectError)
+    assert dropped("capture") == EVENTS - failing
 
 
+@pytest.mark.parametrize("calls", drawn("device server", 50))
 def test_the_machine_works_on_without_the_device_server(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    calls: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def failing(server: DeviceServer) -> None:
         server._started.set()
+        for _ in range(calls):
+            await asyncio.sleep(0)
         raise DefectError
 
     monkeypatch.setattr(DeviceServer, "_serve", failing)
     server = DeviceServer([], lambda: None)
     server._thread.start()
     server._thread.join(WAIT_S)
-    assert "the machine keeps running without it" in caplog.text
+    assert "thread device server: the part ends; the process works on without it" in caplog.text
+    assert failures() == {"device server": 1}
 
 
 STORE = """
@@ -180,7 +191,7 @@ run_process(main)
 """
 
 
-@pytest.mark.parametrize("left", [0, 1, 5])
+@pytest.mark.parametrize("left", drawn("memory", 50))
 def test_a_failed_thread_of_the_memory_stops_the_process_in_order(left: int) -> None:
     done = subprocess.run(
         [sys.executable, "-c", STORE.format(left=left)], capture_output=True, text=True, check=False, timeout=WAIT_S
@@ -189,37 +200,57 @@ def test_a_failed_thread_of_the_memory_stops_the_process_in_order(left: int) -> 
     assert THREADS["retentive memory"].reaction.value in done.stderr
 
 
-def test_the_plant_server_hands_its_error_on() -> None:
+@pytest.mark.parametrize("calls", drawn("plant server", 50))
+def test_the_plant_server_hands_its_error_on(calls: int) -> None:
+    stopped = []
+
     class Server:
         async def start(self) -> None: ...
-        async def stop(self) -> None: ...
+        async def stop(self) -> None:
+            stopped.append(True)
+
         def end(self) -> None: ...
         async def serve_forever(self) -> None:
+            for _ in range(calls):
+                await asyncio.sleep(0)
             raise DefectError
 
     with pytest.raises(DefectError), ServerThread(Server()):  # type: ignore[arg-type]
         pass
+    assert stopped == [True]
 
 
+@pytest.mark.parametrize("failing", drawn("output", 8))
 def test_the_output_of_a_process_ends_where_it_cannot_be_read(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    failing: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     class DefectiveQueue(queue.Queue[str | None]):
+        left = failing
+
         def put(self, item: str | None, block: bool = True, timeout: float | None = None) -> None:
-            if item is not None:
+            self.left -= 1
+            if item is not None and self.left < 0:
                 raise DefectError
             super().put(item, block, timeout)
 
     monkeypatch.setattr("plant_sim.twin.process.queue.SimpleQueue", DefectiveQueue)
-    with Process("child", ["timeit", "-n", "1", "-r", "1", "print(1)"]) as child:
-        assert child.next_line(WAIT_S) is None
+    with Process("child", ["timeit", "-n", "1", "-r", "1", "print('line\\n' * 8)"]) as child:
+        lines = [child.next_line(WAIT_S) for _ in range(failing + 1)]
+    assert [line is None for line in lines] == [False] * failing + [True]
     assert "thread output of a process" in caplog.text
+
+
+def failing_work(name: str) -> str:
+    """Return an expression of a function that fails at a drawn moment."""
+    (calls,) = drawn(name, 50, 1)
+    return f"lambda: [1 // ({calls} - call) for call in range({calls + 1})]"
 
 
 @pytest.mark.parametrize("name", [name for name, kind in THREADS.items() if kind.reaction is Reaction.EXIT])
 def test_a_worker_ends_at_once(name: str) -> None:
     script = (
-        f"from controller.common.supervision.threads import supervised\nthread = supervised({name!r}, lambda: 1 / 0)"
+        "from controller.common.supervision.threads import supervised\n"
+        f"thread = supervised({name!r}, {failing_work(name)})"
     )
     done = subprocess.run(
         [sys.executable, "-c", f"{script}\nthread.start()\nthread.join()"], capture_output=True, check=False
@@ -233,7 +264,7 @@ def test_a_process_whose_thread_fails_stops_in_order_with_another_exit_code(name
         "from controller.common.stop_request import run_process",
         "from controller.common.supervision.threads import supervised",
         "def main(stop):",
-        f"    supervised({name!r}, lambda: 1 / 0).start()",
+        f"    supervised({name!r}, {failing_work(name)}).start()",
         "    stop.wait()",
         "    return 0",
         "run_process(main)",
@@ -246,7 +277,8 @@ def test_a_process_whose_thread_fails_stops_in_order_with_another_exit_code(name
     "name", [name for name, kind in THREADS.items() if kind.reaction in {Reaction.END, Reaction.TELL}]
 )
 def test_a_part_that_ends_is_reported(name: str, caplog: pytest.LogCaptureFixture) -> None:
-    thread = supervised(name, lambda: 1 / 0)
+    (calls,) = drawn(name, 50, 1)
+    thread = supervised(name, lambda: [1 // (calls - call) for call in range(calls + 1)])
     thread.start()
     thread.join(WAIT_S)
     assert f"thread {name}: the part ends" in caplog.text

@@ -165,6 +165,8 @@ def test_no_overlaps_and_nothing_outside_the_page(program: Ladder) -> None:
         page = around(list(bounds(root)))
         assert (page.left, page.top) == (0, 0), name
         assert (page.right, page.bottom) == (width, height), name
+        ends = [numbers(line, "x1", "y1", "x2", "y2") for line in root.iter(f"{NAMESPACE}line")]
+        assert all(end[:2] != end[2:] for end in ends), f"{name}: a line without length"
         own = sorted(symbols(svg).items(), key=lambda item: item[1].top)
         for (one, box), (other, its) in combinations(own, 2):
             assert not box.overlaps(its), f"{name}: {program.instructions[one]} and {program.instructions[other]}"

@@ -153,6 +153,7 @@ def test_a_timer_interrupt_runs_between_two_scans_of_a_live_program() -> None:
     assert live.latest.words["D"][0] == 100
 
 
+@pytest.mark.nightly
 def test_a_live_process_takes_cpu_and_modules(tmp_path: Path) -> None:
     path = tmp_path / "program.il"
     path.write_text("LD M7013\nOUT Y0\nEND\n", encoding="utf-8")

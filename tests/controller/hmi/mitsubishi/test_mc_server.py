@@ -321,10 +321,11 @@ def test_connections_are_limited_and_idle_ones_are_closed() -> None:
         bystander = rig.hmi.client()
         until(lambda: rig.mc.connections == 2, bystander)
         with rig.raw() as third:
-            assert third.until_closed() == b""
-        dribbling.send(b"\x01")
-        assert idle.until_closed() == dribbling.until_closed() == b""
-        assert (rig.mc.traffic.refused, rig.mc.traffic.timed_out) == (1, 2)
+            assert idle.until_closed() == b"", "the least active one"
+            dribbling.send(b"\x01")
+            assert third.until_closed() == dribbling.until_closed() == b""
+        traffic = rig.mc.traffic
+        assert (traffic.refused, traffic.displaced, traffic.timed_out) == (0, 1, 2)
         assert rig.hmi.connections == 1
 
 

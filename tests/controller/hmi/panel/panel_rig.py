@@ -19,6 +19,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from websockets.sync.client import ClientConnection, connect
 
 from controller.cli.panel import server_config
+from controller.common.client_slots import Quota
 from controller.core.clock import MonotonicClock
 from controller.history.query import HistoryReader
 from controller.hmi.access.server import HmiServer
@@ -29,6 +30,7 @@ from controller.hmi.panel.orders.login import Cost, Users
 from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trends import MOST_PERIODS
 from controller.hmi.panel.web.app import PanelApplication, Sources, application
+from controller.hmi.panel.web.listener import QUOTA, REQUEST_MS, PanelListener
 from controller.io.pace import Pace
 from plant_sim.twin.lock_step import Twin
 from tests.controller.hmi.hmi_rig import HmiRig
@@ -126,6 +128,8 @@ class PanelRig:
         allow_forcing: bool = False,
         telemetry: Callable[[MonotonicClock], Telemetry] | None = None,
         first_run: bool = False,
+        quota: Quota = QUOTA,
+        request_ms: int = REQUEST_MS,
     ) -> None:
         self.hmi = HmiRig(twin, pace=pace, allow_forcing=allow_forcing)
         self.twin = self.hmi.twin
@@ -139,14 +143,14 @@ class PanelRig:
         clock = MonotonicClock()
         sources = Sources(
             self.twin.machine,
-            lambda: ModbusConnection("127.0.0.1", self.port),
+            lambda: ModbusConnection("127.0.0.1", self.port, is_named=True),
             None if telemetry is None else telemetry(clock),
             HistoryReader(folder / "history.sqlite"),
             clock,
             trends=TrendFile(folder / "trends.sqlite", MOST_PERIODS),
         )
-        self.panel = PanelApplication(sources, users)
-        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener = PanelListener(socket.create_server(("127.0.0.1", 0)), clock, quota, request_ms)
+        self.panel = PanelApplication(sources, users, self._listener)
         self.host = "127.0.0.1:{1}".format(*self._listener.getsockname())
         self.origin = f"http://{self.host}"
         app = _with_peer_header(application(self.panel, ["panel.test"]))
@@ -181,8 +185,10 @@ class PanelRig:
         answer = self.here.post("/api/login", json={"user": user, "password": PASSWORDS[user]})
         assert answer.status_code == 200, answer.text
 
-    def socket(self, client: httpx.Client | None = None, **headers: str) -> ClientConnection:
-        """Open a socket with the cookies of a client; an empty header is omitted."""
+    def socket(
+        self, client: httpx.Client | None = None, sock: socket.socket | None = None, **headers: str
+    ) -> ClientConnection:
+        """Open a socket with the cookies of a client, over a given connection; an empty header is omitted."""
         client = client or self.here
         cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
         sent = {"Origin": self.origin, "Cookie": cookie} | headers
@@ -193,6 +199,7 @@ class PanelRig:
             f"ws://{self.host}/ws",
             additional_headers=sent,
             proxy=None,
+            sock=sock,
             open_timeout=TIMEOUT_S,
             close_timeout=2,
             max_queue=None,

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import socket
+import threading
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from controller.core.clock import MonotonicClock
+from controller.hmi.panel.orders.replies import REPLIES
 from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.states import Mode, State
 from plant_sim.twin.lock_step import SCAN_MS, Twin
-from tests.controller.hmi.panel.panel_rig import Browser, PanelRig
+from tests.controller.hmi.panel.panel_rig import TIMEOUT_S, Browser, PanelRig
 from tests.plant_sim.twin.twin_rig import ChangeRecorder, switched_on
 
 OUTPUT = "left.lift_retract"
@@ -96,7 +100,7 @@ def test_late_message_does_not_start_a_jog(rig: PanelRig) -> None:
         rig.until(lambda: coil(rig))
         browser.until(lambda view: view["jog"]["output"] == OUTPUT)
         browser.until(lambda view: view["jog"]["output"] is None)
-        assert jog(browser)["text"]["en"] == "release the button and press it again"
+        assert jog(browser)["text"]["en"] == REPLIES["jog late"].en
         rig.for_scans(20)
         assert not coil(rig)
         browser.order(type="jog", output=OUTPUT, hold=False)
@@ -111,6 +115,74 @@ def test_closed_socket_releases_the_output_at_once(rig: PanelRig) -> None:
     assert rig.until(lambda: not coil(rig), scans=60) <= SLACK_SCANS
     rig.until(lambda: len(audits(rig)) == 2)
     assert audits(rig)[-1] == ("maintain", "jog_left_lift_retract", "0", "done")
+
+
+def test_thirty_silent_connections_do_not_take_jogging_from_the_operator(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser, ExitStack() as stack:
+        for _ in range(30):
+            stack.enter_context(socket.create_connection(("127.0.0.1", rig.port), TIMEOUT_S))
+        for _ in range(5):
+            assert jog(browser)["ok"] is True
+            rig.until(lambda: coil(rig))
+        assert len(audits(rig)) == 1, "one jog"
+
+
+class Relay:
+    """Connection to the panel through a relay that can lose all data of one direction."""
+
+    def __init__(self, rig: PanelRig, stack: ExitStack) -> None:
+        host, _, port = rig.host.rpartition(":")
+        self.client, inner = socket.socketpair()
+        outer = socket.create_connection((host, int(port)), TIMEOUT_S)
+        self.lost = ""
+        for direction, source, sink in (("to the panel", inner, outer), ("from the panel", outer, inner)):
+            thread = threading.Thread(target=self._pass, args=(direction, source, sink))
+            thread.start()
+            stack.callback(thread.join)
+        for end in (inner, outer):
+            stack.callback(end.close)
+            stack.callback(end.shutdown, socket.SHUT_RDWR)
+
+    def _pass(self, direction: str, source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(4_096):
+                if self.lost != direction:
+                    sink.sendall(data)
+
+
+@pytest.mark.parametrize("lost", ["to the panel", "from the panel"])
+def test_a_jog_ends_if_one_direction_of_its_connection_is_lost(rig: PanelRig, lost: str) -> None:
+    with ExitStack() as stack:
+        rig.log_in("maintain")
+        relay = Relay(rig, stack)
+        browser = Browser(stack.enter_context(rig.socket(sock=relay.client)))
+        browser.until(lambda view: bool(view["link"]["controller"]))
+        for _ in range(10):
+            assert browser.order(type="jog", output=OUTPUT, hold=True, seen=browser.view_number)["ok"]
+            rig.until(lambda: coil(rig))
+        relay.lost = lost
+        lost_scan = seen_scan = rig.twin.plc.scans
+        while coil(rig) and seen_scan - lost_scan <= LEASE_SCANS + SLACK_SCANS:
+            browser.send(type="jog", output=OUTPUT, hold=True, seen=browser.view_number)
+            rig.for_scans(5)
+            seen_scan = rig.twin.plc.scans
+        assert not coil(rig)
+        rig.for_scans(20)
+        assert not coil(rig)
+
+
+def test_a_jog_that_the_controller_ends_tells_why(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        modbus = rig.hmi.server.modbus
+        assert modbus is not None
+        frontend = modbus._frontend
+        frontend.is_closed = True
+        refused = next(reply for _ in range(100) if not (reply := jog(browser))["ok"])
+        assert refused["text"] == {"en": REPLIES["jog closed"].en, "zh": REPLIES["jog closed"].zh}
+        frontend.is_closed = False
+        browser.order(type="jog", output=OUTPUT, hold=False)
+        assert jog(browser)["ok"] is True
+        rig.until(lambda: coil(rig))
 
 
 @pytest.mark.usefixtures("patient")

@@ -10,10 +10,12 @@ import pytest
 from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import ClientConnection
 
+from controller.common.client_slots import is_loopback
 from controller.core.clock import SimulatedClock
 from controller.hmi.panel.orders.login import (
     LOCKOUT_MS,
     MAX_ATTEMPTS,
+    MAX_LOCKS,
     SESSION_MS,
     AccessLevel,
     Cost,
@@ -21,7 +23,6 @@ from controller.hmi.panel.orders.login import (
     LoginThrottle,
     Users,
     UsersFileError,
-    is_loopback,
 )
 from tests.controller.hmi.panel.panel_rig import CHEAP, ELSEWHERE, PASSWORDS, PanelRig
 from tests.real_time import WAIT_S
@@ -126,23 +127,45 @@ def test_session_ends_by_timeout_or_request() -> None:
     assert sessions.level(one) is AccessLevel.NONE
 
 
-def test_peer_is_locked_out_after_five_wrong_passwords() -> None:
+def test_a_user_is_locked_out_at_an_address_after_five_wrong_passwords() -> None:
     clock = SimulatedClock()
     throttle = LoginThrottle(clock)
     for _ in range(MAX_ATTEMPTS):
-        assert throttle.locked_s("a") == 0
-        throttle.begin("a")
-    assert throttle.locked_s("a") == 30
-    assert throttle.locked_s("b") == 0
+        assert throttle.locked_s("operate", "192.0.2.1") == 0
+        throttle.begin("operate", "192.0.2.1")
+    assert throttle.locked_s("operate", "192.0.2.1") == 30
+    assert throttle.locked_s("maintain", "192.0.2.1") == 0
+    assert throttle.locked_s("operate", "192.0.2.2") == 0
     clock.advance(LOCKOUT_MS - 1)
-    assert throttle.locked_s("a") == 1
+    assert throttle.locked_s("operate", "192.0.2.1") == 1
     clock.advance(1)
-    assert throttle.locked_s("a") == 0
-    throttle.begin("a")
-    throttle.succeed("a")
+    assert throttle.locked_s("operate", "192.0.2.1") == 0
+    throttle.begin("operate", "192.0.2.1")
+    throttle.succeed("operate", "192.0.2.1")
     for _ in range(MAX_ATTEMPTS - 1):
-        throttle.begin("a")
-    assert throttle.locked_s("a") == 0
+        throttle.begin("operate", "192.0.2.1")
+    assert throttle.locked_s("operate", "192.0.2.1") == 0
+
+
+def test_unknown_users_of_an_address_and_addresses_of_a_network_are_one() -> None:
+    """Neither invented names nor the addresses that one IPv6 client can choose give further tries."""
+    throttle = LoginThrottle(SimulatedClock())
+    for index in range(MAX_ATTEMPTS):
+        throttle.begin(f"user{index}", f"2001:db8::{index}")
+    assert throttle.locked_s("user", "2001:db8::ffff") == 30
+    assert throttle.locked_s("operate", "2001:db8::1") == 0
+
+
+def test_the_memory_of_wrong_passwords_is_bounded_and_forgets_locks_last() -> None:
+    clock = SimulatedClock()
+    throttle = LoginThrottle(clock)
+    for _ in range(MAX_ATTEMPTS):
+        throttle.begin("operate", "192.0.2.1")
+    for index in range(MAX_LOCKS + 500):
+        clock.advance(1)
+        throttle.begin("operate", f"10.0.{index // 256}.{index % 256}")
+    assert throttle.remembered == MAX_LOCKS
+    assert throttle.locked_s("operate", "192.0.2.1") > 0
 
 
 @pytest.mark.parametrize(
@@ -198,14 +221,17 @@ def test_login_cookie_is_http_only_and_logout_ends_the_session(rig: PanelRig) ->
     assert client.get("/api/me").json()["level"] == "view"
 
 
-def test_wrong_passwords_are_refused_and_lock_out_the_peer(rig: PanelRig) -> None:
+def test_wrong_passwords_lock_out_this_user_at_this_address_only(rig: PanelRig) -> None:
     mallory = rig.client("198.51.100.1")
-    for user in ("operate", "maintain", "view", "", "operate"):
-        assert mallory.post("/api/login", json={"user": user, "password": "guess-work"}).status_code == 401
     right = {"user": "operate", "password": PASSWORDS["operate"]}
+    for _ in range(MAX_ATTEMPTS):
+        assert mallory.post("/api/login", json=right | {"password": "guess-work"}).status_code == 401
     locked = mallory.post("/api/login", json=right)
     assert locked.status_code == 429
     assert 1 <= int(locked.headers["retry-after"]) <= 30
+    assert "of this user at this address" in locked.json()["text"]["en"]
+    other = {"user": "maintain", "password": PASSWORDS["maintain"]}
+    assert rig.client("198.51.100.1").post("/api/login", json=other).status_code == 200
     assert rig.client("198.51.100.2").post("/api/login", json=right).status_code == 200
 
 
@@ -245,7 +271,7 @@ def test_a_client_of_a_proxy_on_this_computer_needs_a_login(rig: PanelRig, heade
     assert rig.here.get("/metrics", headers=forwarded).status_code == 401
     assert rig.here.post("/api/first", json=FIRST, headers=forwarded).status_code == 403
     with pytest.raises(InvalidStatus):
-        rig.socket(rig.client(), **forwarded)
+        rig.socket(rig.client(), None, **forwarded)
 
 
 def test_socket_closes_with_its_session(rig: PanelRig) -> None:

@@ -125,7 +125,17 @@ def test_a_register_without_a_point_is_not_transferred() -> None:
             "watchdog_ms: 300\n    outputs: {table: holding_register, read_back: 65535}",
             ":16: .*: 32 is beyond the last register; write a smaller offset",
         ),
-        ("timeout_ms: 20", "watchdog_ms: 200", ":8: .*profile registers cannot set the watchdog; use the tool"),
+        (
+            "timeout_ms: 20",
+            "watchdog: none\n    watchdog_ms: 200",
+            ":9: .*the module has no output watchdog; delete the",
+        ),
+        ("timeout_ms: 20", "watchdog: off", ":8: .*watchdog: cannot be 'off'; write set, tool or none"),
+        (
+            "timeout_ms: 20",
+            "watchdog: set",
+            ":4: .*settings: no setting has watchdog_unit_ms; add it, or write watchdog:",
+        ),
         ("timeout_ms: 20", "poll_every: 5", ":9: .*start: must be exchanged in every scan; move it to a device entry"),
         ("timeout_ms: 20", "byte_order: big", ":8: .*byte_order: cannot be 'big'; write low_first or high_first"),
         ("timeout_ms: 20", "trip: {table: coil, offset: 1}", ":4: .*has only one of trip and reset; write both"),
@@ -198,6 +208,10 @@ def test_inputs_on_a_box_with_outputs_only(tmp_path: Path) -> None:
         (("--field", "no.yaml"), "no.yaml: cannot be read"),
         (("--field", "{field}", "--link-limit-ms", "50"), ":2: a.timeout_ms: the timeouts plus --scan-ms are 50 ms"),
         (("--field", "{watchdog}"), ":2: a.watchdog_ms: 100 ms is not longer than --link-limit-ms plus the polling"),
+        (("--field", "{field}"), ":2: a.watchdog_ms: is missing; write the time of the output watchdog that the tool"),
+        (("--field", "{none}"), ":2: a.watchdog: none switches the outputs off when nobody writes; use a module with"),
+        (("--field", "{field}", "--watchdog-ms", "300"), "--watchdog-ms: cannot be combined with --field; write it in"),
+        (("--watchdog-ms", "110"), "--watchdog-ms 110: must be more than --link-limit-ms plus --scan-ms, 110 ms"),
     ],
 )
 def test_the_command_refuses_what_does_not_fit_with_exit_code_2(
@@ -205,10 +219,12 @@ def test_the_command_refuses_what_does_not_fit_with_exit_code_2(
 ) -> None:
     """One line, and nothing is started: not even the retentive memory is created."""
     field = file_of(tmp_path, device("a", "coils", tcp(502), ALL, timeout_ms=40))
-    watchdog = tmp_path / "watchdog"
+    watchdog, none = tmp_path / "watchdog", tmp_path / "none"
     watchdog.mkdir()
+    none.mkdir()
     texts = {
         "{field}": str(field),
+        "{none}": str(file_of(none, device("a", "coils", tcp(502), ALL, "watchdog: none", timeout_ms=9))),
         "{watchdog}": str(file_of(watchdog, device("a", "wago-750", tcp(502), ALL, "watchdog_ms: 100", timeout_ms=9))),
     }
     retain = tmp_path / "retentive.json"
@@ -218,6 +234,30 @@ def test_the_command_refuses_what_does_not_fit_with_exit_code_2(
     assert expected in error
     assert error.count("\n") == 1
     assert not retain.exists()
+
+
+@pytest.mark.parametrize("command", ["run", "check-io"])
+@pytest.mark.parametrize("more", [(), ("watchdog: none",)])
+def test_a_device_without_output_watchdog_needs_the_option_that_names_the_risk(
+    command: str, more: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The file is accepted with the option; a device that drives nothing never needs it."""
+    sensors = device("a", "inputs-only", tcp(502), wires(INPUT_TAGS), timeout_ms=9)
+    field = file_of(tmp_path, sensors, device("b", "coils", tcp(503), wires(OUTPUT_TAGS), *more, timeout_ms=9))
+    arguments = [command, "--field", str(field), *(["--check"] if command == "run" else ["--only", "nothing"])]
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"{field}:7: b.watchdog") if command == "run" else "b.watchdog" in error
+    assert "accept the risk with --allow-no-output-watchdog (if this process is killed" in error
+    main([*arguments, "--allow-no-output-watchdog"])
+    assert "watchdog" not in capsys.readouterr().err
+
+
+def test_every_profile_states_its_output_watchdog() -> None:
+    """A watchdog that the controller sets is one of the settings; inputs alone need none."""
+    for name, profile in profiles().items():
+        assert (profile.watchdog == "set") == profile.has_watchdog_setting, name
+        assert (profile.watchdog == "none") == (profile.outputs is None), name
 
 
 def test_the_example_of_the_documentation(capsys: pytest.CaptureFixture[str]) -> None:

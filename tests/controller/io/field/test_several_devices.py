@@ -39,6 +39,7 @@ from tests.wiring import wired
 BACK_MS = 500
 """Time from the return of a device to its use, ms (issue)."""
 HALF = len(OUTPUT_TAGS) // 2
+WATCHDOG = "watchdog_ms: 6000"
 
 
 @pytest.fixture
@@ -349,7 +350,7 @@ def test_the_command_with_two_devices(stack: ExitStack, tmp_path: Path) -> None:
     path = file_of(
         tmp_path,
         device("sensors", "inputs-only", tcp(sensors.port), wires(INPUT_TAGS), timeout_ms=PATIENT_MS),
-        device("valves", "coils", tcp(valves.port), wires(OUTPUT_TAGS), timeout_ms=PATIENT_MS),
+        device("valves", "coils", tcp(valves.port), wires(OUTPUT_TAGS), WATCHDOG, timeout_ms=PATIENT_MS),
     )
     retain = str(tmp_path / "retentive.json")
     options = ["--field", str(path), "--retain", retain, "--events", "json", "--no-hmi", "--link-limit-ms", "500"]
@@ -382,7 +383,7 @@ def test_the_last_line_names_the_devices_that_were_not_written(
     tags = (INPUT_TAGS, OUTPUT_TAGS[:HALF], OUTPUT_TAGS[HALF:])
     names = (("sensors", "inputs-only"), ("valves", "coils"), ("claws", "coils"))
     entries = [
-        device(*name, tcp(module.port), wires(each), timeout_ms=PATIENT_MS)
+        device(*name, tcp(module.port), wires(each), *([] if each is INPUT_TAGS else [WATCHDOG]), timeout_ms=PATIENT_MS)
         for name, module, each in zip(names, modules, tags, strict=True)
     ]
     options = ["--field", str(file_of(tmp_path, *entries)), "--retain", str(tmp_path / "retentive.json")]

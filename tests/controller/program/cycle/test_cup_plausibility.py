@@ -169,6 +169,7 @@ def test_the_ground_sensor_tells_both_rows_at_any_frequency(kind: int, per_min: 
     complete(twin)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("slip", one_in(3, [0.0, 0.2, 0.35]))
 def test_slip_of_the_drive_wheel_is_no_alarm_of_the_cups(slip: float) -> None:
     twin = at_frequency(45.0, io_map=GROUND)
@@ -241,6 +242,7 @@ def test_flags_halved_from_the_start_give_the_same_inputs_as_twice_the_frequency
     assert (told.plant.counts().T, len(told.plant.events)) == (0, 0)
 
 
+@pytest.mark.nightly
 def test_a_late_counter_gives_the_same_inputs_as_a_chain_fitted_in_another_position() -> None:
     """Both counters are 0.2 s late: at 45 cups per minute, the cups are 9 mm further than the counters report."""
     sound, harmed = running(45.0), running(45.0, late_s=0.2)

@@ -90,6 +90,7 @@ def test_a_sound_trial_completes_without_an_alarm(io_map: IoMap) -> None:
     assert [event for event in twin.alarm_events() if "claws" in event.text or "row" in event.text] == []
 
 
+@pytest.mark.nightly
 def test_the_inputs_do_not_change_the_times_of_a_sound_trial() -> None:
     times = [
         [cycle.at_ms for cycle in twin.cycles()]
@@ -143,6 +144,7 @@ def test_missing_stems_are_told_before_the_row_is_released(side: Side) -> None:
     assert twin.plant.counts().in_cups == CELLS_ALONG * COLUMNS - MISSING_MOST - 1
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("io_map", first_of([ALL, BEAM, CUP_SENSOR]), ids=["all", "beam", "cups"])
 def test_as_many_missing_seedlings_as_permitted_are_counted_and_not_told(io_map: IoMap) -> None:
     twin = at_work(io_map)
@@ -156,6 +158,7 @@ def test_as_many_missing_seedlings_as_permitted_are_counted_and_not_told(io_map:
     assert all(tags is None or twin.plc.read(tags.empty_cups) == 2 * MISSING_MOST for tags in planted)
 
 
+@pytest.mark.nightly
 def test_a_row_told_by_the_beam_is_not_told_again_by_its_cups() -> None:
     twin = at_work(ALL)
     empty(twin, "left", 1, CELLS_ALONG)
@@ -166,6 +169,7 @@ def test_a_row_told_by_the_beam_is_not_told_again_by_its_cups() -> None:
     assert states_of(twin) == set()
 
 
+@pytest.mark.nightly
 def test_the_cups_of_the_row_after_a_told_one_are_looked_at_again() -> None:
     twin = at_work(ALL)
     empty(twin, "left", 1, CELLS_ALONG)
@@ -179,6 +183,7 @@ def test_the_cups_of_the_row_after_a_told_one_are_looked_at_again() -> None:
     assert states_of(twin) == {"left: row short"}
 
 
+@pytest.mark.nightly
 def test_the_number_is_a_machine_constant() -> None:
     """With 12 permitted, an empty row is only counted."""
     machine = build(CUP_SENSOR)
@@ -206,7 +211,7 @@ def test_cups_before_the_first_row_are_not_counted() -> None:
 # --- the sensors themselves --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fault", ["stuck_on", "stuck_off", "broken_wire"])
+@pytest.mark.parametrize("fault", first_of(["stuck_on", "stuck_off", "broken_wire"]))
 @pytest.mark.parametrize(("tag", "io_map"), [("cup_filled", CUP_SENSOR), ("seedling_beam", BEAM)])
 def test_a_failed_sensor_is_told_with_its_first_row(fault: str, tag: str, io_map: IoMap) -> None:
     twin = at_work(io_map, faults=(f"{fault}:right.{tag}@1s..",))
@@ -248,6 +253,7 @@ def test_claws_without_air_lift_nothing_and_keep_their_row() -> None:
     assert twin.plant.counts().in_cups == CELLS_ALONG * COLUMNS
 
 
+@pytest.mark.nightly
 def test_claws_that_keep_their_air_release_no_row() -> None:
     twin = at_work(PRESSURE)
     cycles = twin.machine.tags.arms["left"].cycles
@@ -260,6 +266,7 @@ def test_claws_that_keep_their_air_release_no_row() -> None:
     assert twin.plc.read(twin.machine.tags.arms["left"].loaded)
 
 
+@pytest.mark.nightly
 def test_claws_that_close_slowly_lift_only_once_they_hold() -> None:
     """Without the switch, the arm lifts before the claws have closed, and no seedling is planted."""
     twin = at_work(PRESSURE)
@@ -270,6 +277,7 @@ def test_claws_that_close_slowly_lift_only_once_they_hold() -> None:
     assert twin.plant.counts().in_cups == CELLS_ALONG * COLUMNS
 
 
+@pytest.mark.nightly
 def test_the_last_row_is_told_after_the_work_has_ended() -> None:
     twin = at_work(CUP_SENSOR)
     empty(twin, "left", 3, CELLS_ALONG)
@@ -296,6 +304,7 @@ def test_the_inputs_take_less_than_250_steps() -> None:
     assert any(isinstance(rung, Mov) and rung.source == CUPS for rung in build(ALL).program.rungs())
 
 
+@pytest.mark.nightly
 def test_the_export_acts_like_the_program() -> None:
     """Program and export control the same plant, while the left claws jam and a row is told."""
     machine = build(ALL)

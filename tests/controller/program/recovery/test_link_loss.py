@@ -30,7 +30,7 @@ def cabled() -> tuple[Twin, CableLink]:
     twin.start()
     twin.run_until(lambda: twin.in_step("left arm", "approach row"), within_ms=30_000)
     twin.run_for(500)
-    assert twin.outputs() == {"left.slide_inward"} | (twin.outputs() & {"right.slide_inward"})
+    assert "left.slide_inward" in twin.outputs()
     return twin, cable
 
 

@@ -83,6 +83,7 @@ def test_influence_passes_through_rungs_and_steps() -> None:
     assert {Cell("T", tags.arms["left"].t_opening.number), Cell("D", tags.machine.state.number)} <= found
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("first", first_of([True, False]))
 def test_shared_execution_equals_a_complete_one(*, first: bool) -> None:
     """For mutants of every kind, the terms of all devices are identical."""

@@ -115,6 +115,7 @@ def serial_slave(name: str, path: str) -> Iterator[None]:
         line.close()
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore:isSet:DeprecationWarning")  # modbus_tk 1.1.5
 @pytest.mark.parametrize("name", first_of(SERIAL))
 def test_a_program_behind_a_serial_slave_drives_the_machine_like_the_twin(name: str) -> None:
@@ -125,6 +126,7 @@ def test_a_program_behind_a_serial_slave_drives_the_machine_like_the_twin(name: 
     assert_equal(module, expected)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("name", "handler"), first_of([("fx3u-enet", Handler1E), ("fx5u-slmp", Handler3E)]))
 def test_a_program_behind_an_mc_server_drives_the_machine_like_the_twin(name: str, handler: type) -> None:
     profile, expected = profile_of(name), reference()

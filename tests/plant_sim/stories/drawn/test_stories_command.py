@@ -37,6 +37,7 @@ def test_the_report_states_harm_coverage_and_what_never_acted(capsys: pytest.Cap
     assert output(capsys, "--random", "3", "--seed", "5")[1][1:3] != lines[1:3]
 
 
+@pytest.mark.nightly
 def test_a_printed_command_replays_its_story(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from controller.program.states import State
 from plant_sim.stories.drawn.coverage import NO_STEP, Coverage, StepInState, Triple, steps_of
 from plant_sim.stories.drawn.guide import StoryGuide
@@ -54,6 +56,7 @@ def test_an_aimed_story_strikes_in_the_state_and_step_with_kinds_that_are_missin
     assert guide.coverage.share_of_reached > 0.02
 
 
+@pytest.mark.nightly
 def test_directed_stories_cover_more_than_uniform_ones() -> None:
     """With as many stories; the documentation contains the figures of more of them."""
     reached = {}

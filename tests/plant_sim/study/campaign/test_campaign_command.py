@@ -323,6 +323,7 @@ def test_a_killed_worker_process_does_not_end_the_campaign(long_table: list[dict
     assert table(out) == long_table
 
 
+@pytest.mark.nightly
 def test_the_version_covers_every_source_that_a_trial_loads() -> None:
     program = (
         "import sys\n"

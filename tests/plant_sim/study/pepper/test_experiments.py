@@ -503,6 +503,7 @@ def test_rsm_compares_paper_refit_and_twin() -> None:
     )
 
 
+@pytest.mark.nightly
 def test_rsm_reports_the_uncertainty_of_its_optimum() -> None:
     """The prediction interval ends at 100 %, and the location is within the search range."""
     study = typical(rsm_study)

@@ -36,6 +36,7 @@ def record_of(study: Study) -> Any:
     return study.record
 
 
+@pytest.mark.nightly
 def test_verdicts_of_the_cases_of_the_paper_hold_in_most_draws() -> None:
     points = [FallPoint(case.motion(PLANTER).ratio, PLANTER.chain.release_deg, 30) for case in verdicts.CASES]
     for case, count in zip(verdicts.CASES, count_verdicts(PLANTER, RANGES, points, seed=4, workers=1), strict=True):
@@ -79,6 +80,7 @@ def verdict_report() -> Study:
         return verdicts.verdict_study(PLANTER, RANGES, draws=4, seed=1, workers=1)
 
 
+@pytest.mark.nightly
 def test_verdict_study_finds_the_switches(verdict_report: Study, tmp_path: Path) -> None:
     switches = record_of(verdict_report)["switches"]
     assert [0.865 < at < 1.0 for at in switches["tipped to pushed"]] == [True]

@@ -48,6 +48,13 @@ def advised(
     return driving._advice(options, limits(limit))
 
 
+def test_the_air_per_seedling_is_that_of_each_trial_divided_by_its_seedlings() -> None:
+    """40 L in a minute for 36 seedlings, planted or lost."""
+    both = FrequencyResult(45, FactorSetting({}), (trial(), replace(trial(), simulated_s=30.0)))
+    assert both.air_l_min == 40.0
+    assert both.air_l_per_seedling == pytest.approx((40 / 36 + 20 / 36) / 2)
+
+
 @pytest.mark.parametrize(
     ("limit", "bad", "highest"),
     [

@@ -73,6 +73,7 @@ def test_the_set_point_at_the_default_frequency_is_the_default_of_the_program() 
     assert setting_at(90).set_points() == {"no_cups": 20}
 
 
+@pytest.mark.nightly
 def test_plugs_land_in_the_middle_at_every_frequency() -> None:
     """The mean landing offset is at most 1.5 mm, and every one is less than a quarter of the tolerance of 8.5 mm.
 
@@ -156,6 +157,7 @@ def test_at_90_per_minute_gaps_remain_in_the_settled_state() -> None:
         assert sum(float(each or 0) for each in seconds) == pytest.approx(found.round_s)
 
 
+@pytest.mark.nightly
 def test_the_chart_of_a_round_is_reproducible_byte_for_byte(tmp_path: Path) -> None:
     """PNG and SVG contain no date and no random names."""
     found = first_late({90: paces()(90)}, changes_tray=True)

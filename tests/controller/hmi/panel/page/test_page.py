@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import re
 import signal
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, expect
+from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from controller.hmi.panel.view import texts
+from controller.hmi.panel.web.sockets import QUOTA
 from controller.io.pace import PAUSED
 from controller.program.alarms.guide import likely_causes
 from controller.program.operator.next_press import NextPress
@@ -104,6 +108,7 @@ def test_nothing_can_be_pressed_before_the_first_view(panel: PanelProcess, brows
     context.close()
 
 
+@pytest.mark.nightly
 def test_outdated_values_are_distinguished_from_a_pause(
     live: LiveMachine, panel: PanelProcess, browser: Browser
 ) -> None:
@@ -145,6 +150,18 @@ def test_first_run_asks_for_both_passwords_and_the_page_survives_a_restart(
         expect(screen.find("[data-part=stale]")).to_be_hidden(timeout=TIMEOUT_MS)
         expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
         screen.page.context.close()
+
+
+def test_a_page_without_a_place_tells_so(stopped: Station, browser: Browser) -> None:
+    url = stopped.panel.url
+    with Screen(browser, url) as screen, ExitStack() as stack:
+        expect(screen.find("body")).to_have_attribute("data-link", "live")
+        for _ in range(QUOTA.most - QUOTA.reserved):
+            stack.enter_context(
+                connect(f"{url.replace('http', 'ws')}/ws", origin=Origin(url), proxy=None, max_queue=None)
+            )
+        expect(screen.find("[data-part=stale]")).to_have_text(texts.TEXTS["link.full"].en)
+        screen.log_in("operate")
 
 
 def test_view_level_is_asked_to_log_in(stopped: Station, browser: Browser) -> None:

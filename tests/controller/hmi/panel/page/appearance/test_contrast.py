@@ -15,7 +15,8 @@ from tests.controller.hmi.panel.page.appearance.still_page import show, stand_st
 from tests.controller.hmi.panel.page.appearance.test_colour_vision import NUMBERS
 from tests.controller.hmi.panel.page.appearance.test_sizes import ROW, SITUATIONS
 from tests.controller.hmi.panel.page.screen import PAGES, Maintained, Screen, clear, maintained
-from tests.sampling import one_in
+
+pytestmark = pytest.mark.nightly
 
 TEXT_RATIOS: Final = {"grey": 4.5, "day": 7.0, "night": 4.5}
 """Least contrast of a text by theme (WCAG 2.2, 1.4.3 and 1.4.6)."""
@@ -40,7 +41,7 @@ PRIORITIES: Final = ("safety", "stops", "warning")
 MEASURED: Final = (*PAGES, "menu")
 IN_THE_CAB: Final = ("cab", "recovery", "trays", "menu")
 """Pages that are measured in the form for the cab; the others in that for the desk."""
-BOTH: Final = one_in(7, product(MEASURED, LANGUAGES))
+BOTH: Final = [*product(MEASURED, LANGUAGES)]
 """Pages in each language; by default four, in alternating languages."""
 MEASURE: Final = """
 ([ratios, leastDisabled, links, sunlit]) => {
@@ -198,7 +199,6 @@ def test_a_control_that_is_not_available_differs_by_its_form(station: Maintained
     assert "dashed" not in {style for disabled, style in borders if not disabled}
 
 
-@pytest.mark.nightly
 @pytest.mark.parametrize(("name", "language"), [("overview", "zh"), ("alarms", "en"), ("recovery", "zh")])
 def test_every_text_is_readable_in_an_emergency_stop(station: Maintained, name: str, language: str) -> None:
     """With an alarm that is not acknowledged, and with the refusal of a press."""
@@ -227,7 +227,6 @@ def expect_theme(screen: Screen, theme: str) -> None:
     assert screen.page.evaluate("getComputedStyle(document.body.parentElement).backgroundColor") == BACKS[theme]
 
 
-@pytest.mark.nightly
 def test_the_theme_follows_the_computer_until_it_is_chosen(station: Maintained) -> None:
     """A choice, here with the keyboard, outlasts the setting of the computer and a reload."""
     _, screen = station

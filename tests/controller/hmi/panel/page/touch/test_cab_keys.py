@@ -14,6 +14,8 @@ from tests.controller.hmi.panel.page.appearance.still_page import show, stand_st
 from tests.controller.hmi.panel.page.screen import AGAIN_MS, Station
 from tests.controller.hmi.panel.page.touch.touch_page import TouchPage
 
+pytestmark = pytest.mark.nightly
+
 KEEP_ORDERS = """async () => {
   const { app } = await import("/static/app.js");
   window.orders = [];
