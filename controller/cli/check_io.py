@@ -105,10 +105,10 @@ def chosen(io_map: IoMap, names: list[str]) -> list[Point]:
 
 
 def _check_folder(folder: Path) -> None:
-    """Create the folder of the report before anything is checked."""
+    """Report a folder that cannot be written before anything is checked; the report creates it."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".check-io"
+        existing = next(each for each in (folder, *folder.parents) if each.exists())
+        probe = existing / ".check-io"
         probe.touch()
         probe.unlink()
     except OSError as error:

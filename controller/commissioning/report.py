@@ -136,12 +136,15 @@ def note_text(found: WireFinding, language: Language) -> str:
 def write_report(report: CheckReport, folder: Path, language: Language) -> Path:
     """Write both files, named by the time of the begin, and return the path of the Markdown file.
 
+    The folder need not exist.
+
     Raises:
         InputError: The files cannot be written.
     """
     stem = "check-io-" + utc_text(report.begun_ms).replace(":", "").replace("-", "")
     texts: Mapping[str, str] = {".md": report.markdown(language), ".csv": report.csv_text()}
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         for ending, text in texts.items():
             part = folder / f"{stem}{ending}.part"
             part.write_text(text, encoding="utf-8")

@@ -22,6 +22,8 @@ USAGE_ERROR = 2
 """Exit code for invalid input and for a missing optional dependency."""
 BROKEN_PIPE = 141
 """Exit code if the reader of the output has disconnected: 128 + SIGPIPE, by shell convention."""
+UNWRITTEN = 74
+"""Exit code of a successful command whose output could not be written: EX_IOERR of sysexits.h."""
 
 
 class CommandModule(Protocol):
@@ -172,22 +174,42 @@ def version() -> str:
 def until_reader_disconnects(command: Callable[[], int]) -> int:
     """Run a command; a closed pipe on standard output, as after ``| head``, is not an error.
 
-    In that case standard output is redirected to the null device; otherwise Python reports the unwritten data at exit.
+    Output that cannot be written for another reason, such as a full disk, is reported in one line.
 
     Args:
         command: Function that prints the output and returns the exit code.
 
     Returns:
-        The exit code of the command, or `BROKEN_PIPE`.
+        The exit code of the command, or `BROKEN_PIPE` or `UNWRITTEN`.
     """
     try:
-        try:
-            return command()
-        finally:
-            if sys.stdout is not None:  # None if closed by the parent process
-                sys.stdout.flush()
+        code = command()
     except BrokenPipeError:
-        null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, sys.stdout.fileno())
-        os.close(null)
+        _discard_output()
         return BROKEN_PIPE
+    finally:
+        failure = _flush_output()
+    return code or failure
+
+
+def _flush_output() -> int:
+    """Write the buffered output; return the exit code of a failure, which is one line unless the reader is gone."""
+    if sys.stdout is None:  # closed by the parent process
+        return 0
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _discard_output()
+        return BROKEN_PIPE
+    except OSError as error:
+        _discard_output()
+        sys.stderr.write(f"standard output: {error.strerror}; the end of the output is missing\n")
+        return UNWRITTEN
+    return 0
+
+
+def _discard_output() -> None:
+    """Redirect standard output to the null device; otherwise Python reports the unwritten data at exit."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, sys.stdout.fileno())
+    os.close(null)

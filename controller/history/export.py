@@ -85,7 +85,7 @@ def write_parquet(table: str, pages: Pages, path: Path) -> None:
     arrow, parquet = importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
     types = {"INTEGER": arrow.int64(), "TEXT": arrow.string()}
     schema = arrow.schema([(name, types[kind]) for name, kind in TABLES[table].items()])
-    with parquet.ParquetWriter(path, schema) as writer:
+    with path.open("wb") as file, parquet.ParquetWriter(file, schema) as writer:
         for page in pages:
             writer.write_table(arrow.Table.from_pylist(page, schema=schema))
 

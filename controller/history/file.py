@@ -23,6 +23,8 @@ MIN_LIMIT_BYTES: Final = 4_000_000
 """Smallest size limit, bytes."""
 BUSY_S: Final = 0.2
 """Longest wait for a reader, s; during the wait, rows are queued."""
+PRIMARY: Final = 0xFF
+"""Bits of an error code of SQLite that state its kind; the others tell where it arose."""
 VACUUM_PAGES: Final = 64
 """Number of pages returned to the file system per vacuum step."""
 _INSERT: Final = {
@@ -252,6 +254,8 @@ def _check_unopened(path: Path) -> None:
         if is_damage(error):
             raise
         # a transaction that was cut short is completed or undone by opening the file
+        if error.sqlite_errorcode & PRIMARY in (sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL):
+            _log.warning("%s: %s; the check before opening is omitted", path, error)
 
 
 def _open_checked(path: Path) -> sqlite3.Connection:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from typing import Protocol
 
@@ -12,6 +13,8 @@ from controller.common.errors import InputError
 from controller.common.saved import Saved
 from controller.common.supervision.threads import supervised
 from controller.core.retentive_store import RetentiveStore
+
+_log = logging.getLogger(__name__)
 
 
 class RetentiveWriter(Protocol):
@@ -133,9 +136,10 @@ def writer_until_end(store: RetentiveStore, *, threaded: bool) -> Iterator[Reten
         raise
     finally:
         writer.close()
-        if in_order and writer.settled:
-            with suppress(OSError):  # the next start reports that this run did not end in order
-                store.close()
+        if not writer.settled:
+            _log.error("retentive memory: the last values are not stored: %s", writer.error)
+        elif in_order and (error := _error_of(store.close)) is not None:
+            _log.error("retentive memory: the end of the run is not recorded: %s", error)
 
 
 def _error_of(action: Callable[[], None]) -> Exception | None:

@@ -136,7 +136,6 @@ class _Judgement:
         for name in ("stop_ms", "margin_ms"):
             if not 0 <= getattr(options, name) <= MOST_MS:
                 raise InputError(f"--{name.replace('_', '-')} {getattr(options, name)}: must be 0 to {MOST_MS}")
-        _check_folder(options.out)
         self.module, self.machine = build(options, DelayingModule)
         self._bench = Bench(
             self.module, self.machine, BenchLimits(stop_ms=options.stop_ms, margin_ms=options.margin_ms)
@@ -148,6 +147,7 @@ class _Judgement:
             reference_lost=None if options.no_reference else _reference_lost(options, self.module, self.machine),
             report=lambda result: print(line(result), flush=True),
         )
+        _check_folder(options.out)
 
     def begin(self, server: PlantServer) -> None:
         """Begin the run; the server ends with it."""

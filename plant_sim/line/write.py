@@ -129,7 +129,8 @@ def _write_csv(plants: pa.Table, path: Path) -> None:
 
 
 def _write_parquet(plants: pa.Table, path: Path) -> None:
-    pq.write_table(plants, path)
+    with path.open("wb") as file:  # Arrow encodes a path in UTF-8, which fails for the paths of another locale
+        pq.write_table(plants, file)
 
 
 def row_picture(result: LineResult) -> Figure:

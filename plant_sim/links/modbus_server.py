@@ -161,9 +161,9 @@ class PlantServer:
             self._serial.stop()
         if self._listener is None:
             return
+        self.module.make_safe()  # first, because closing may fail; nothing is received until the next await
         self._listener.close()
         self._frontend.close()
-        self.module.make_safe()  # no client is connected
         for task in self._tasks:
             task.cancel()
         if self._tasks:

@@ -52,7 +52,7 @@ class Writer:
             if not path.parent.exists():
                 path.parent.mkdir()
             self._part.open("xb").close()
-            self._file = pa.OSFile(str(self._part), "wb")
+            self._file = _arrow_file(self._part, "wb")
         except FileExistsError:
             reason = "another run is writing it or was killed; delete it or use another name"
             raise RecordingError(f"{self._part}: already exists: {reason}") from None
@@ -225,11 +225,16 @@ def _open(path: Path) -> pq.ParquetFile:
     if not path.is_file():
         raise RecordingError(f"{path}: file not found; use a recording created with --record")
     try:
-        return pq.ParquetFile(path)
+        return pq.ParquetFile(_arrow_file(path, "rb"))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({_reason(error)}); use another file") from None
     except pa.ArrowInvalid:
         raise RecordingError(f"{path}: not a recording of the plant; create one with --record") from None
+
+
+def _arrow_file(path: Path, mode: str) -> pa.OSFile:
+    """Open a file; Arrow encodes a path given as text in UTF-8, which fails for the paths of another locale."""
+    return pa.OSFile(os.fsencode(path), mode)
 
 
 def _reason(error: OSError) -> str:

@@ -12,6 +12,7 @@ import select
 import socket
 import ssl
 import time
+from contextlib import suppress
 from typing import Any, Final
 
 from controller.common.modbus.client import TcpFrames
@@ -102,12 +103,14 @@ class TcpBus(BusLine):
         self.close()
 
     def close(self) -> None:
-        """Close the connection."""
-        for each in (self.socket, self._connecting):
-            if each is not None:
-                each.close()
+        """Close the connection; an error of the socket is none of the link, which is closed in any case."""
+        sockets = (self.socket, self._connecting)
         self.socket = self._connecting = None
         self._frames.discard()
+        for each in sockets:
+            if each is not None:
+                with suppress(OSError):
+                    each.close()
 
     def _connected(self) -> socket.socket:
         if self.socket is None:

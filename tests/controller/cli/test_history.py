@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import os
 import re
 import sqlite3
 import sys
@@ -240,6 +241,13 @@ def test_all_formats_contain_the_same_rows(table: str, path: Path, tmp_path: Pat
         else:
             assert pq.read_table(out).to_pylist() == rows
     assert sorted(entry.name for entry in tmp_path.iterdir() if "part" in entry.name) == []
+
+
+def test_a_parquet_file_with_a_name_of_another_locale(path: Path, tmp_path: Path) -> None:
+    out = tmp_path / os.fsdecode(b"\xd2\xc6")
+    command(path, "--format", "parquet", "--out", str(out))
+    with out.open("rb") as file:
+        assert pq.read_table(file).num_rows == 3
 
 
 def test_an_output_without_rows_is_valid(path: Path, tmp_path: Path) -> None:

@@ -342,9 +342,13 @@ def test_invalid_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[s
     for arguments, message in (
         (["--only", "X99"], f"--only X99: no such point in {IO_MAP.path}; use one of inputs, outputs, "),
         (["--out", str(tmp_path / "file" / "x")], f"--out {tmp_path}/file/x: Not a directory; choose a"),
-        (["--out", str(tmp_path)], "check-io: standard input is not a terminal; outputs are switched by a held key"),
+        (
+            ["--out", str(tmp_path / "new")],
+            "check-io: standard input is not a terminal; outputs are switched by a held",
+        ),
     ):
         assert refusal(arguments, capsys).startswith(message)
+        assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_outputs_in_use_and_a_missing_field_are_refused(tmp_path: Path) -> None:

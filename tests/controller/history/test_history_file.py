@@ -279,6 +279,28 @@ def test_a_database_in_use_by_another_program_is_not_renamed(tmp_path: Path) -> 
     assert list(tmp_path.glob("*.damaged*")) == []
 
 
+@pytest.mark.parametrize("code", [sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_FULL])
+def test_an_error_of_the_disk_in_the_check_of_the_file_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, code: int
+) -> None:
+    path = tmp_path / "history.sqlite"
+    with history(path):
+        pass
+
+    def read_only(*_: object) -> None:
+        error = sqlite3.OperationalError("disk I/O error")
+        error.sqlite_errorcode = code
+        raise error
+
+    monkeypatch.setattr("controller.history.file.read_only", read_only)
+    with history(path):
+        pass
+    assert [record.message for record in caplog.records] == [
+        f"{path}: disk I/O error; the check before opening is omitted"
+    ]
+    assert len(table(path, "runs")) == 2
+
+
 def test_a_damaged_row_does_not_end_the_answer_to_a_panel(tmp_path: Path) -> None:
     path = tmp_path / "history.sqlite"
     file = HistoryFile(path, 4 * MB)

@@ -249,7 +249,9 @@ def test_the_end_in_order_is_recorded_after_the_last_save(
 
 
 @pytest.mark.parametrize("threaded", [True, False])
-def test_an_end_with_values_that_are_not_stored_is_not_in_order(tmp_path: Path, threaded: bool) -> None:
+def test_an_end_with_values_that_are_not_stored_is_not_in_order_and_told(
+    tmp_path: Path, threaded: bool, caplog: pytest.LogCaptureFixture
+) -> None:
     store = FileStore(tmp_path / "retentive.json")
     with writer_until_end(store, threaded=threaded) as writer:
         writer.submit(values(1))
@@ -259,4 +261,19 @@ def test_an_end_with_values_that_are_not_stored_is_not_in_order(tmp_path: Path, 
         (tmp_path / "retentive.json.new").mkdir()
         writer.submit(values(2))
     assert marks(store)[2] is True
+    assert FileStore(store.path).load() == values(1)
+    assert [record.message for record in caplog.records if "the last values are not stored" in record.message]
+
+
+@pytest.mark.parametrize("threaded", [True, False])
+def test_an_end_that_cannot_be_recorded_is_told(
+    tmp_path: Path, threaded: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = FileStore(tmp_path / "retentive.json")
+    with writer_until_end(store, threaded=threaded) as writer:
+        writer.submit(values(1))
+        writer.close()
+        (tmp_path / "retentive.json.mark.new").mkdir()
+    (message,) = [record.message for record in caplog.records]
+    assert message.startswith("retentive memory: the end of the run is not recorded: ")
     assert FileStore(store.path).load() == values(1)

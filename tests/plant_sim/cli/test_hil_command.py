@@ -129,3 +129,4 @@ def test_invalid_options_are_one_line(
     assert code == 2
     assert text in errors
     assert "Traceback" not in errors
+    assert not (tmp_path / "out").exists()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
 import signal
 import time
@@ -108,6 +109,15 @@ def test_the_text_lists_what_is_assumed_and_why_plants_are_missing(pepper: LineR
 def written(pepper: LineResult, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Return the files of a result, in one folder."""
     return write_result(pepper, tmp_path_factory.mktemp("written"))
+
+
+@pytest.mark.nightly
+def test_a_folder_with_a_name_of_another_locale(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"\xd2\xc6")
+    folder.mkdir()
+    _, table, *_ = write_result(result("pepper"), folder)
+    with table.open("rb") as file:
+        assert tuple(pq.read_table(file).column_names) == COLUMNS
 
 
 @pytest.mark.nightly

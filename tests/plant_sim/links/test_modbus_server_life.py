@@ -257,6 +257,24 @@ def test_stop_sets_the_outputs_safe_and_closes_the_connections(rig: Rig) -> None
         Client(port)
 
 
+def test_the_outputs_are_safe_although_the_port_cannot_be_closed() -> None:
+    async def scenario(server: PlantServer) -> None:
+        await server.start()
+        server.module.write_outputs(5, [True])
+        assert server.module.outputs[5]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(asyncio.Server, "close", failing)
+            with pytest.raises(OSError, match="no port"):
+                await server.stop()
+        assert server.module.outputs == [False] * 18
+        await server.stop()
+
+    def failing(_: asyncio.Server) -> None:
+        raise OSError("no port")
+
+    asyncio.run(scenario(PlantServer(make_module(), port=0)))
+
+
 def test_a_write_received_while_stopping_is_not_executed() -> None:
     async def scenario(server: PlantServer) -> None:
         await server.start()

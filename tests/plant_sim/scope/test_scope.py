@@ -326,6 +326,12 @@ def test_the_folder_of_a_recording_is_created(tmp_path: Path, monkeypatch: pytes
     assert Recording(Path("var/run.parquet")).full_window == RecordingWindow(0, 10)
 
 
+def test_a_folder_with_a_name_of_another_locale(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"\xd2\xc6") / "run.parquet"
+    fill(new_plant(), path, samples=2)
+    assert Recording(path).full_window == RecordingWindow(0, 10)
+
+
 @pytest.mark.parametrize("name", ["no/such/folder/run.parquet", "file/run.parquet"])
 def test_an_unwritable_path_is_rejected_at_once(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 from controller.common.supervision.failures import drop
@@ -14,6 +14,7 @@ from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.view.state import Json
 from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trend_periods import Spread, TrendPeriod, decimated, merged, single, table, with_gaps
+from controller.hmi.panel.view.trend_ring import TrendRing
 from controller.program.tags import SIDES
 
 SAMPLE_MS: Final = 200
@@ -64,12 +65,14 @@ class Trends:
         self._file = file
         self._wall_ms = wall_ms
         self._names = [tag.name for tag in (telemetry.tags if telemetry else ()) if tag.unit in TREND_UNITS]
-        self._samples: deque[TrendPeriod] = deque(maxlen=SAMPLED_MS // SAMPLE_MS)
+        self._samples = TrendRing(len(self._names), SAMPLED_MS // SAMPLE_MS)
         self._open: list[TrendPeriod] = []
         """Samples of the period that has not ended."""
         now_ms = wall_ms()
         stored = file.load(self._names, now_ms - KEPT_MS, now_ms) if file and self._names else []
-        self._periods: deque[TrendPeriod] = deque(stored, MOST_PERIODS)
+        self._periods = TrendRing(len(self._names), MOST_PERIODS)
+        for period in stored:
+            self._periods.append(period)
         self._unwritten: deque[TrendPeriod] = deque(maxlen=MOST_PERIODS)
         self._writing = asyncio.Lock()
 
@@ -119,8 +122,8 @@ class Trends:
         to_ms = now_ms if end_ms is None else min(end_ms, now_ms)
         from_ms = max(to_ms - span_ms, now_ms - KEPT_MS)
         step_ms = max(SAMPLE_MS, -(-span_ms // points))
-        samples = self._recorded(step_ms)
-        tables = await in_thread("trends of the panel", self._tables, samples, from_ms, to_ms, step_ms)
+        recorded = self._recorded(step_ms)
+        tables = await in_thread("trends of the panel", self._tables, recorded, from_ms, to_ms, step_ms)
         return {
             "now_ms": now_ms,
             "from_ms": from_ms,
@@ -130,16 +133,22 @@ class Trends:
             "tables": tables,
         }
 
-    def _recorded(self, step_ms: int) -> list[TrendPeriod]:
-        """Return samples and periods in chronological order: if a step has several periods, they are sufficient."""
-        if step_ms >= PERIOD_MS:
-            return [*self._periods, *([merged(self._open)] if self._open else ())]
-        first_ms = self._samples[0].utc_ms if self._samples else self._wall_ms()
-        return [*(row for row in self._periods if row.end_ms <= first_ms), *self._samples]
+    def _recorded(self, step_ms: int) -> Callable[[], list[TrendPeriod]]:
+        """Return a function of another thread that returns samples and periods in chronological order.
 
-    def _tables(self, recorded: Sequence[TrendPeriod], from_ms: int, to_ms: int, step_ms: int) -> list[Json]:
+        If a step has several periods, they are sufficient.
+        """
+        periods = self._periods.copy()
+        if step_ms >= PERIOD_MS:
+            latest = [merged(self._open)] if self._open else []
+            return lambda: [*periods, *latest]
+        samples = self._samples.copy()
+        first_ms = self._wall_ms() if samples.oldest_ms is None else samples.oldest_ms
+        return lambda: [*(row for row in periods if row.end_ms <= first_ms), *samples]
+
+    def _tables(self, recorded: Callable[[], list[TrendPeriod]], from_ms: int, to_ms: int, step_ms: int) -> list[Json]:
         """Return a table of points for the telemetry, one for the cycles and one for the hours."""
-        within = [row for row in recorded if from_ms <= row.end_ms and row.utc_ms < to_ms]
+        within = [row for row in recorded() if from_ms <= row.end_ms and row.utc_ms < to_ms]
         hours = range(from_ms // HOUR_MS, -(-to_ms // HOUR_MS))
         cycles = []
         if self._history is not None:
@@ -168,11 +177,15 @@ class Trends:
 
     def _drop_from(self, now_ms: int) -> None:
         """Drop what was recorded at or after a time: the wall clock has been set back, and times must ascend."""
-        if self._samples and self._samples[-1].utc_ms >= now_ms:
+        if self._is_reached(self._samples, now_ms):
             self._open.clear()
             for rows in (self._samples, self._periods):
-                while rows and rows[-1].utc_ms >= now_ms:
-                    rows.pop()
+                while self._is_reached(rows, now_ms):
+                    rows.drop_newest()
+
+    @staticmethod
+    def _is_reached(rows: TrendRing, now_ms: int) -> bool:
+        return rows.newest_ms is not None and rows.newest_ms >= now_ms
 
 
 def _values(cycle: CycleTimes) -> tuple[Spread | None, ...]:

@@ -1,0 +1,260 @@
+"""Calls of the operating system and of SQLite, recorded by kind; one of them can be made to fail.
+
+The lowest function that Python code reaches is replaced: methods of sockets, `open`, `os.fsync`, `os.replace`, and the
+connections of `sqlite3`. Files are watched in one folder, sockets if they belong to the network. `os.mkdir` is not
+watched: `pathlib` ignores its error if the folder exists.
+"""
+
+from __future__ import annotations
+
+import builtins
+import errno
+import io
+import os
+import socket
+import sqlite3
+import threading
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+from weakref import WeakKeyDictionary
+
+import pytest
+
+PARTIAL: Final = "partial"
+"""Fault of a call that transmits one byte instead of all."""
+
+_SEND: Final = ("send",)
+_RECEIVE: Final = ("recv", "recv_into")
+_NETWORK: Final = ("accept", "connect", "connect_ex", "close", *_SEND, *_RECEIVE)
+_NOT_RETRIED: Final = frozenset({"connect", "connect_ex", "close", "replace"})
+"""Calls that Python does not repeat itself after EINTR (PEP 475)."""
+_SQLITE: Final = {
+    "ENOSPC": ("database or disk is full", sqlite3.SQLITE_FULL),
+    "EIO": ("disk I/O error", sqlite3.SQLITE_IOERR),
+}
+Place = tuple[int, int]
+"""Scan of a call, counted over all runs, and its number among the calls of its kind in that scan."""
+
+
+@dataclass(frozen=True, order=True)
+class Kind:
+    """Kind of a call.
+
+    Attributes:
+        party: Thread, connection or file that the call belongs to.
+        call: Name of the function, or statement of SQLite.
+        is_sql: True for a statement.
+    """
+
+    party: str
+    call: str
+    is_sql: bool = False
+
+    @property
+    def is_network(self) -> bool:
+        """True for a call of a socket."""
+        return self.call in _NETWORK and not self.party.startswith("var")
+
+    def faults(self) -> tuple[str, ...]:
+        """Return the faults of this kind: names of `errno`, or `PARTIAL`."""
+        if self.is_sql:
+            return ("ENOSPC", "EIO")
+        partial = (PARTIAL,) if self.call in (*_SEND, *_RECEIVE) else ()
+        full = ("ENOSPC",) if self.call in ("open", "write", "flush", "fsync", "replace") else ()
+        resources = ("EMFILE",) if self.call in ("accept", "open") else ()
+        return ("EIO", *full, *resources, *partial, *(("EINTR",) if self.call in _NOT_RETRIED else ()))
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Fault of one call.
+
+    Attributes:
+        kind: Kind of the call.
+        name: Name of `errno`, or `PARTIAL`.
+        place: Place of the call; the first one at or after it fails.
+    """
+
+    kind: Kind
+    name: str
+    place: Place
+
+    def error(self) -> Exception:
+        """Return the exception of the call."""
+        if self.kind.is_sql:
+            text, code = _SQLITE[self.name]
+            error = sqlite3.OperationalError(text)
+            error.sqlite_errorcode = code
+            return error
+        number = getattr(errno, self.name)
+        return OSError(number, os.strerror(number))
+
+
+@dataclass
+class Calls:
+    """Record of the calls of a run.
+
+    Attributes:
+        folder: Folder whose files are watched.
+        fault: Fault to inject; None = none.
+        ports: Names of the parties that connect to a port.
+        at: Scan in which the run is.
+        places: Places of the calls by kind, in order.
+        has_struck: True if the fault has been injected.
+    """
+
+    folder: Path
+    fault: Fault | None = None
+    ports: dict[int, str] = field(default_factory=dict)
+    at: int = 0
+    places: dict[Kind, list[Place]] = field(default_factory=lambda: defaultdict(list))
+    has_struck: bool = False
+
+    def __post_init__(self) -> None:
+        self._lock = threading.Lock()
+        self._parties: WeakKeyDictionary[socket.socket, str] = WeakKeyDictionary()
+
+    def fails(self, kind: Kind) -> Fault | None:
+        """Record a call and return the fault if it must fail."""
+        with self._lock:
+            places = self.places[kind]
+            number = places[-1][1] + 1 if places and places[-1][0] == self.at else 0
+            places.append((self.at, number))
+            fault = self.fault
+            if fault is None or self.has_struck or fault.kind != kind or places[-1] < fault.place:
+                return None
+            self.has_struck = True
+            return fault
+
+    def check(self, kind: Kind) -> None:
+        """Record a call and raise the error with which it must fail."""
+        if fault := self.fails(kind):
+            raise fault.error()
+
+    def watch(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Replace the functions until the end of a test."""
+        for name in _NETWORK:
+            monkeypatch.setattr(socket.socket, name, self._network(name, getattr(socket.socket, name)), raising=False)
+        opened = self._opened(io.open)
+        monkeypatch.setattr(io, "open", opened)
+        monkeypatch.setattr(builtins, "open", opened)
+        for name in ("fsync", "replace", "open", "read", "write"):
+            monkeypatch.setattr(os, name, self._of_path(name, getattr(os, name)))
+        monkeypatch.setattr(sqlite3, "connect", self._connected(sqlite3.connect))
+
+    def _network(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def watched(of: socket.socket, *arguments: Any) -> Any:
+            if of.family not in (socket.AF_INET, socket.AF_INET6) or (name == "close" and of.fileno() < 0):
+                return call(of, *arguments)
+            if name in ("connect", "connect_ex"):
+                self._parties[of] = self.ports.get(arguments[0][1], "")
+            party = self._parties.get(of) or threading.current_thread().name
+            if party == "telemetry" and threading.current_thread() is threading.main_thread():
+                party = "field"
+            if not (fault := self.fails(Kind(party, name))):
+                return call(of, *arguments)
+            if fault.name == PARTIAL:
+                return _partial(of, name, call, arguments)
+            if name == "close":
+                call(of)  # the descriptor is released although an error is reported
+            if name == "connect_ex":
+                return getattr(errno, fault.name)
+            raise fault.error()
+
+        return watched
+
+    def _opened(self, open_: Callable[..., Any]) -> Callable[..., Any]:
+        def watched(file: Any, mode: str = "r", *arguments: Any, **options: Any) -> Any:
+            if not (name := self._name(file)):
+                return open_(file, mode, *arguments, **options)
+            self.check(Kind(name, "open"))
+            return WatchedFile(self, name, open_(file, mode, *arguments, **options))
+
+        return watched
+
+    def _of_path(self, call: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def watched(path: Any, *arguments: Any, **options: Any) -> Any:
+            if name := self._name(path):
+                self.check(Kind(name, call))
+            return function(path, *arguments, **options)
+
+        return watched
+
+    def _connected(self, connect: Callable[..., sqlite3.Connection]) -> Callable[..., sqlite3.Connection]:
+        calls = self
+
+        class Watched(sqlite3.Connection):
+            def execute(self, sql: str, *values: Any) -> sqlite3.Cursor:
+                words = sql.replace("(", " ").split()
+                calls.check(Kind("history", " ".join(words[: 2 if words[0] == "PRAGMA" else 3]), is_sql=True))
+                return super().execute(sql, *values)
+
+            def executescript(self, sql: str) -> sqlite3.Cursor:
+                calls.check(Kind("history", "script", is_sql=True))
+                return super().executescript(sql)
+
+            def close(self) -> None:
+                super().close()
+
+        def watched(path: Any, *arguments: Any, **options: Any) -> sqlite3.Connection:
+            if str(self.folder) not in str(path):
+                return connect(path, *arguments, **options)
+            self.check(Kind("history", "connect to the file", is_sql=True))
+            return connect(path, *arguments, factory=Watched, **options)
+
+        return watched
+
+    def _name(self, file: Any) -> str:
+        """Return the name of a file of the folder; an empty string for any other file."""
+        if isinstance(file, int):
+            try:
+                file = os.readlink(f"/proc/self/fd/{file}")
+            except OSError:
+                return ""
+        path = os.fspath(file)
+        if not isinstance(path, str) or not path.startswith(str(self.folder)):
+            return ""
+        return os.path.relpath(path, self.folder.parent)
+
+
+class WatchedFile:
+    """File whose calls are recorded."""
+
+    def __init__(self, calls: Calls, name: str, file: Any) -> None:
+        self._calls, self._name, self._file = calls, name, file
+
+    def __enter__(self) -> WatchedFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+    def read(self, *arguments: Any) -> Any:
+        self._calls.check(Kind(self._name, "read"))
+        return self._file.read(*arguments)
+
+    def write(self, text: Any) -> Any:
+        self._calls.check(Kind(self._name, "write"))
+        return self._file.write(text)
+
+    def flush(self) -> None:
+        self._calls.check(Kind(self._name, "flush"))
+        self._file.flush()
+
+    def close(self) -> None:
+        is_closed = self._file.closed
+        self._file.close()
+        if not is_closed:
+            self._calls.check(Kind(self._name, "close"))
+
+
+def _partial(of: socket.socket, name: str, call: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    if name == "recv_into":
+        return call(of, arguments[0], 1)
+    return call(of, 1 if name == "recv" else memoryview(arguments[0])[:1])

@@ -1,0 +1,95 @@
+"""Each call of stores, histories and sockets fails once: safe or at work, told, nothing reported as stored is lost.
+
+The table of the calls is that of a run without a fault, so that a new call is covered without being listed here.
+"""
+
+from __future__ import annotations
+
+import gc
+import random
+import warnings
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import pytest
+
+from controller.program.states import State
+from tests.plant_sim.failing_calls.calls import Fault, Kind, Place
+from tests.plant_sim.failing_calls.judge import findings
+from tests.plant_sim.failing_calls.whole_run import Outcome, WholeRun
+
+SEED: Final = 38
+DRAWN: Final = 2
+"""Number of faults by default; each takes a second of processor time."""
+PARTS: Final = 8
+"""Number of cases into which the table is divided."""
+PARTIES: Final = frozenset({"device server", "events", "field", "history", "panel", "plant server", "telemetry"})
+"""Parties with calls; files have their names."""
+CALLS: Final = frozenset({"accept", "close", "connect", "connect_ex", "recv", "recv_into", "send"}) | frozenset(
+    {"COMMIT", "flush", "fsync", "open", "read", "replace", "write"}
+)
+
+
+def run_of(fault: Fault | None) -> Outcome:
+    """Run the run in a folder that is removed after it."""
+    with TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        if fault is not None:  # asyncio leaves a connection open if its last call fails
+            warnings.simplefilter("ignore", ResourceWarning)
+        folder = Path(name) / "var"
+        folder.mkdir()
+        try:
+            return WholeRun(folder, fault).run(patch)
+        finally:
+            gc.collect()
+
+
+@cache
+def reference() -> Outcome:
+    """Return the outcome without a fault."""
+    return run_of(None)
+
+
+def table() -> list[Fault]:
+    """Return all faults, in random order with a fixed seed: first, middle and last call of each kind."""
+    faults = [
+        Fault(kind, name, place)
+        for kind, places in sorted(reference().calls.places.items())
+        for place in sorted({places[0], places[len(places) // 2], _last(kind, places)})
+        for name in kind.faults()
+    ]
+    random.Random(SEED).shuffle(faults)
+    return faults
+
+
+def _last(kind: Kind, places: list[Place]) -> Place:
+    """Return the last place; while connections are being closed, the number of calls depends on the threads."""
+    end = (reference().ends[-1], 0)
+    return min(places[-1], end) if kind.is_network else places[-1]
+
+
+def violations(faults: list[Fault]) -> list[str]:
+    return [f"{fault}: {found}" for fault in faults for found in findings(run_of(fault), reference(), fault)]
+
+
+def test_the_run_reaches_all_calls_and_ends_at_work() -> None:
+    outcome = reference()
+    kinds = set(outcome.calls.places)
+    assert {kind.party for kind in kinds} >= PARTIES
+    assert {kind.call for kind in kinds} >= CALLS
+    assert (outcome.exit_codes, outcome.trouble, outcome.told.clients, outcome.told.counts) == ([0, 0], [], [], {})
+    assert (outcome.outputs_on, outcome.writes, outcome.final) == ([], [], State.EXECUTE)
+    assert outcome.saved == [outcome.retained]
+    assert outcome.submitted == len(outcome.stored) == len(outcome.rows) > 30
+    assert outcome.events_submitted == len(outcome.told.events) > 5
+
+
+def test_a_drawn_call_fails() -> None:
+    assert violations(table()[:DRAWN]) == []
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("part", range(PARTS))
+def test_every_call_fails(part: int) -> None:
+    assert violations(table()[DRAWN + part :: PARTS]) == []

@@ -1,0 +1,368 @@
+"""Run of 30 s of a running controller with plant, retentive memory, history, events and Modbus clients.
+
+The controller is the delivered command ``run`` in simulated time; the plant is its Modbus server in lock step. Both run
+in this process, so that any of their calls can fail.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import logging
+import socket
+import sqlite3
+import sys
+import threading
+from collections.abc import Coroutine, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from controller.cli.main import main
+from controller.common.modbus.async_client import ModbusClientError
+from controller.common.modbus.client_requests import ExceptionReplyError
+from controller.common.stop_request import StopRequest
+from controller.common.supervision import failures
+from controller.core.retentive_store import FileStore
+from controller.core.scan import Plc
+from controller.events.writer import EventWriter
+from controller.history.file import HistoryFile, HistoryRow
+from controller.history.schema import TABLES
+from controller.history.writer import HistoryWriter
+from controller.hmi.modbus.fx3u_map import register_address
+from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.io.loop import run_simulated_time
+from controller.io.runtime import Runtime
+from controller.program.states import State
+from plant_sim.links.io_module import IoModule
+from plant_sim.links.modbus_server import PlantServer
+from plant_sim.links.server_thread import ServerThread
+from plant_sim.links.telemetry import TELEMETRY_REGISTERS
+from plant_sim.machine.parameters import load_machine
+from plant_sim.machine.plant import Plant
+from plant_sim.twin.commissioning import constants_file, default_io_map
+from tests.plant_sim.failing_calls.calls import Calls, Fault, WatchedFile
+
+SCAN_MS: Final = 20
+SECOND: Final = 1_000 // SCAN_MS
+FIRST_RUN: Final = SECOND // 2
+"""Scans of a first run, which creates the files."""
+SCANS: Final = 30 * SECOND
+"""Scans of the run after it, which finds the files."""
+PRESSES: Final = {
+    SECOND: ("start", True),
+    SECOND + 10: ("start", False),
+    12 * SECOND: ("start", True),
+    12 * SECOND + 10: ("start", False),
+}
+"""Homing, and the start of the machine, which moves in the middle of the run."""
+VISITS: Final = (4 * SECOND, 16 * SECOND, 28 * SECOND)
+"""Scans in which a second client connects, reads and disconnects."""
+PATIENT_S: Final = 5.0
+"""Limit of a wait, s: the end of a hang."""
+
+
+@dataclass
+class Told:
+    """Messages of a run.
+
+    Attributes:
+        lines: Lines on standard error and in the log.
+        events: Lines of events.
+        clients: Errors that clients noticed.
+        counts: Increase of the counts of failures and of lost items.
+    """
+
+    lines: list[str] = field(default_factory=list)
+    events: list[str] = field(default_factory=list)
+    clients: list[str] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass
+class Outcome:
+    """Course of a run.
+
+    Attributes:
+        calls: Calls of the run.
+        exit_codes: Exit codes of the controller in its two runs; an exception has none.
+        told: Messages.
+        scans: Number of scans of the last run.
+        ends: Scan after the last one of each run, counted over both: its connections are being closed.
+        outputs_on: Outputs of the plant that are on after the end of the controller.
+        unsafe: Outputs of the plant that are on 100 ms after an abort, lamps excepted.
+        writes: Answered writes of a client that were not in effect two scans later.
+        saved: Retentive values stored last, and those of a save that failed after it.
+        retained: Retentive values after a restart; None if there are none.
+        stored: Rows that the history reported as stored.
+        submitted: Number of rows submitted to the history.
+        rows: Rows of the history after a restart.
+        events_submitted: Number of events.
+        final: PackML state at the end.
+        trouble: Exceptions that no part of the product has handled.
+    """
+
+    calls: Calls
+    exit_codes: list[int] = field(default_factory=list)
+    told: Told = field(default_factory=Told)
+    scans: int = 0
+    ends: list[int] = field(default_factory=list)
+    outputs_on: list[str] = field(default_factory=list)
+    unsafe: list[str] = field(default_factory=list)
+    writes: list[str] = field(default_factory=list)
+    saved: list[dict[str, int]] = field(default_factory=list)
+    retained: dict[str, int] | None = None
+    stored: list[HistoryRow] = field(default_factory=list)
+    submitted: int = 0
+    rows: list[tuple[Any, ...]] = field(default_factory=list)
+    events_submitted: int = 0
+    final: State | None = None
+    trouble: list[str] = field(default_factory=list)
+
+
+class Panel:
+    """Clients of the controller and of the telemetry, in a thread of their own."""
+
+    def __init__(self, hmi_port: int, plant_port: int, told: Told) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="panel", daemon=True)
+        self._hmi_port = hmi_port
+        self._told = told
+        self.controller = ModbusConnection("127.0.0.1", hmi_port, timeout_s=1.0)
+        self.telemetry = ModbusConnection("127.0.0.1", plant_port, timeout_s=1.0)
+
+    def __enter__(self) -> Panel:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._call(self._close())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    def done(self, request: Coroutine[Any, Any, Any]) -> bool:
+        """Carry out a request; return False, and tell it, if it is not answered."""
+        try:
+            self._call(request)
+        except (ModbusClientError, ExceptionReplyError) as error:
+            self._told.clients.append(repr(error))
+            return False
+        return True
+
+    async def visit(self) -> None:
+        """Connect a second client, read a register, and disconnect."""
+        client = ModbusConnection("127.0.0.1", self._hmi_port, timeout_s=1.0)
+        try:
+            await client.read_words(register_address("R", 0), 1)
+        finally:
+            client.close()
+
+    async def _close(self) -> None:
+        self.controller.close()
+        self.telemetry.close()
+        await asyncio.sleep(0)
+
+    def _call(self, request: Coroutine[Any, Any, Any]) -> Any:
+        return asyncio.run_coroutine_threadsafe(request, self._loop).result(PATIENT_S)
+
+
+class WholeRun:
+    """One run of the run, with at most one fault."""
+
+    def __init__(self, folder: Path, fault: Fault | None = None) -> None:
+        self.folder = folder
+        self.outcome = Outcome(Calls(folder, fault))
+        self._events = folder.parent / "events.txt"
+        self._runtime: Runtime | None = None
+        self._expected: list[tuple[int, int, set[int]]] = []
+        self._values = {0}
+        self._aborted = 0
+        self._signals = {f"Y{point.number:o}" for point in default_io_map().outputs if "lamp" in point.tag}
+        self._committed = threading.Condition()
+        self._commits = 0
+
+    def run(self, monkeypatch: pytest.MonkeyPatch) -> Outcome:
+        """Run controller and plant, then read what they have stored."""
+        outcome, calls = self.outcome, self.outcome.calls
+        constants = self.folder.parent / "constants.yaml"
+        constants.write_text(constants_file(load_machine()), encoding="utf-8")
+        before = {**failures.failures(), **{name: failures.dropped(name) for name in failures.ITEMS}}
+        interval = sys.getswitchinterval()
+        lines = io.StringIO()
+        with monkeypatch.context() as patch, ExitStack() as stack:
+            self._capture(patch, stack, lines)
+            self._record(patch)
+            hmi_port = _free_port()
+            calls.watch(patch)
+            self._module = IoModule(Plant(default_io_map(), load_machine(), seed=1, trays=2), default_io_map())
+            stack.enter_context(self._plant_failure_told(lines))
+            server = stack.enter_context(ServerThread(PlantServer(self._module, port=0, lock_step_ms=SCAN_MS)))
+            self._plant, port = server, server.server.port
+            calls.ports.update({hmi_port: "panel", port: "telemetry"})
+            self._panel = stack.enter_context(Panel(hmi_port, port, outcome.told))
+            options = f"--port {port} --retain {self.folder}/retentive.json --events json --no-console --simulated-time"
+            options += (
+                f" --pace 65535 --timeout-ms 1000 --hmi-port {hmi_port} --constants {constants} --scan-ms {SCAN_MS}"
+            )
+            for scans in (FIRST_RUN, SCANS):
+                self._control(options.split(), scans)
+            outcome.outputs_on = server.call(self._outputs_on)
+        sys.setswitchinterval(interval)
+        outcome.told.lines += [line for line in lines.getvalue().splitlines() if line]
+        after = {**failures.failures(), **{name: failures.dropped(name) for name in failures.ITEMS}}
+        outcome.told.counts = {
+            name: count - before.get(name, 0) for name, count in after.items() if count > before.get(name, 0)
+        }
+        self._restart()
+        return outcome
+
+    def _control(self, options: Sequence[str], scans: int) -> None:
+        """Run the controller for a number of scans."""
+        outcome = self.outcome
+        self._left, outcome.scans = scans, 0
+        with ExitStack() as stack:
+            self._stop = stack.enter_context(StopRequest())
+            events = stack.enter_context(self._events.open("a+", encoding="utf-8"))
+            patch = stack.enter_context(pytest.MonkeyPatch.context())
+            patch.setattr(sys, "stdout", WatchedFile(outcome.calls, "events", events))
+            try:
+                outcome.exit_codes.append(main(["run", *options], self._stop))
+            except Exception as error:  # noqa: BLE001 - judged
+                outcome.trouble.append(repr(error))
+        outcome.ends.append(outcome.calls.at)
+        outcome.calls.at += 1
+
+    @contextmanager
+    def _plant_failure_told(self, lines: io.StringIO) -> Iterator[None]:
+        """Tell an exception with which the server of the plant ends, as its process does."""
+        try:
+            yield
+        except OSError as error:
+            lines.write(f"plant: {error}\n")
+        self.outcome.outputs_on += self._outputs_on()
+
+    def _capture(self, patch: pytest.MonkeyPatch, stack: ExitStack, lines: io.StringIO) -> None:
+        """Collect the lines on standard error and in the log."""
+        handler = logging.StreamHandler(lines)
+        logging.getLogger().addHandler(handler)
+        stack.callback(logging.getLogger().removeHandler, handler)
+        patch.setattr(sys, "stderr", lines)
+        patch.setattr(failures, "_process_failed", threading.Event())
+
+    def _record(self, patch: pytest.MonkeyPatch) -> None:
+        """Record what stores and histories accept and report as stored, and follow the scans."""
+        outcome = self.outcome
+        save, append, put, write = FileStore.save, HistoryFile.append, HistoryWriter._put, EventWriter.write
+
+        def saved(store: FileStore, values: Any) -> None:
+            try:
+                save(store, values)
+            except OSError:
+                outcome.saved.append(dict(values))
+                raise
+            outcome.saved = [dict(values)]
+
+        def appended(file: HistoryFile, rows: Any) -> None:
+            append(file, rows)
+            outcome.stored += rows
+            with self._committed:
+                self._commits += 1
+                self._committed.notify_all()
+
+        def submitted(writer: HistoryWriter, *arguments: Any, **options: Any) -> None:
+            outcome.submitted += 1
+            put(writer, *arguments, **options)
+
+        def written(writer: EventWriter, event: Any) -> None:
+            outcome.events_submitted += 1
+            write(writer, event)
+
+        def followed(runtime: Runtime, *arguments: Any, **options: Any) -> Any:
+            self._runtime = runtime
+            runtime.observers.append(self._follow)
+            return run_simulated_time(runtime, *arguments, **options)
+
+        patch.setattr(FileStore, "save", saved)
+        patch.setattr(HistoryFile, "append", appended)
+        patch.setattr(HistoryWriter, "_put", submitted)
+        patch.setattr(EventWriter, "write", written)
+        patch.setattr("controller.cli.run.run_simulated_time", followed)
+
+    def _follow(self, _now_ms: int, plc: Plc) -> None:
+        """Act as operator and clients between two scans."""
+        try:
+            self._act(self.outcome.scans, plc)
+        except Exception as error:  # noqa: BLE001 - judged
+            self.outcome.trouble.append(f"run: {error!r}")
+        self.outcome.scans += 1
+        self.outcome.calls.at += 1
+        if self.outcome.scans == self._left:
+            assert self._runtime is not None
+            self.outcome.final = State(plc.read(self._runtime.machine.tags.machine.state))
+            self._stop.set()
+
+    def _act(self, scan: int, plc: Plc) -> None:
+        runtime = self._runtime
+        assert runtime is not None
+        is_aborted = plc.read(runtime.machine.tags.machine.state) == State.ABORTED
+        self._aborted = self._aborted + 1 if is_aborted else 0
+        if self._aborted > SECOND // 10 and (on := [name for name in self._outputs_on() if name not in self._signals]):
+            self.outcome.unsafe.append(f"{on} on in Aborted")
+        for due, number, values in [each for each in self._expected if each[0] <= scan]:
+            if (value := plc.memory.D[number]) not in values:
+                self.outcome.writes.append(f"D{number} is {value}, not {values}")
+            self._expected.remove((due, number, values))
+        if scan in PRESSES:
+            button, pressed = PRESSES[scan]
+            self._plant.call(lambda: setattr(self._module.plant.box, button, pressed))
+        if scan in VISITS:
+            self._panel.done(self._panel.visit())
+        if scan % SECOND == SECOND // 2:
+            self._write(scan, runtime.machine.tags.sp.trays_target.number)
+        if scan % SECOND == 0:
+            self._panel.done(self._panel.telemetry.read_words(0, TELEMETRY_REGISTERS, input_=True))
+            self._panel.done(self._panel.controller.read_bits(0, 64))
+
+    def _write(self, scan: int, number: int) -> None:
+        """Write a set-point, and wait for the record of it in the history."""
+        value = 100 + scan // SECOND
+        self._values.add(value)
+        commits = self._commits
+        if self._panel.done(self._panel.controller.write_word(register_address("D", number), value)):
+            self._values = {value}
+            self._expected.append((scan + 2, number, self._values))
+            with self._committed:
+                self._committed.wait_for(lambda: self._commits > commits, timeout=0.5)
+
+    def _outputs_on(self) -> list[str]:
+        safe = default_io_map().safe_outputs()
+        return [f"Y{number:o}" for number, level in enumerate(self._module.outputs) if level != safe[number]]
+
+    def _restart(self) -> None:
+        """Read what a restarted controller reads."""
+        outcome = self.outcome
+        store = FileStore(self.folder / "retentive.json")
+        with suppress(ValueError):
+            outcome.retained = store.load()
+        if store.interrupted:
+            outcome.told.lines.append("the last run did not end in order")
+        outcome.rows = rows_of(self.folder / "history.sqlite")
+        outcome.told.events = self._events.read_text(encoding="utf-8").splitlines()
+
+
+def rows_of(path: Path) -> list[tuple[Any, ...]]:
+    """Return the rows of all tables, each with the name of its table and without its number and its run."""
+    if not path.exists():
+        return []
+    with closing(sqlite3.connect(path)) as db:
+        found = {table: db.execute(f"SELECT * FROM {table} ORDER BY id").fetchall() for table in TABLES}  # noqa: S608
+    return [(table, row[1], row[2], *row[4:]) for table, rows in found.items() for row in rows]
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return int(listener.getsockname()[1])
