@@ -144,6 +144,7 @@ class FrameConnection(asyncio.BufferedProtocol):
         """Unregister the connection."""
         if self._slot is not None:
             self._server.slots.leave(self._slot)
+            self._slot = None  # it refers to this connection: without a cycle, all is released at once
         self._server.connections.discard(self)
         if self._session is not None:
             self._session.on_disconnect()

@@ -81,11 +81,13 @@ def test_half_open_requests_keep_no_stop_from_its_answer(tmp_path: Path) -> None
 
 @pytest.mark.nightly
 def test_half_open_requests_delay_no_stop(tmp_path: Path) -> None:
-    """Of the stops, 99 of 100 are as fast as without the attack in the same run."""
+    """Of the stops, 99 of 100 are as fast as without the attack, before or after it."""
     stops = 300
+    p99 = 99 * stops // 100
     with few_files(), occupied(900), PanelRig(tmp_path) as rig, rig.browser() as browser:
-        calm_ms = stops_ms(browser, stops)
+        before_ms = stops_ms(browser, stops)
         with attack(rig, 1_000):
             attacked_ms = stops_ms(browser, stops)
-    p99 = 99 * stops // 100
-    assert attacked_ms[p99] <= max(STOP_MS, FACTOR * calm_ms[p99]), (calm_ms, attacked_ms)
+        after_ms = stops_ms(browser, stops)
+    calm_ms = max(before_ms[p99], after_ms[p99])
+    assert attacked_ms[p99] <= max(STOP_MS, FACTOR * calm_ms), (before_ms, attacked_ms, after_ms)
