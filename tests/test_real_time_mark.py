@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from plant_sim.links.write_timing import LinkTiming
 from tests.real_time import MARK, HostDelay, host_delay, is_in_real_time, judge_live_run, mark_problem
 
 PYTHON = (sys.executable, "-m")
@@ -62,6 +63,15 @@ def test_a_limit_is_relative_to_the_longest_delay_of_the_computer() -> None:
     assert 0 < measured.p99_ms <= measured.longest_ms
 
 
+def ticks(longest_ms: float) -> str:
+    """Return the report of a plant whose latest tick had this lateness."""
+    timing = LinkTiming()
+    for late_ms in (*[0.1] * 99, longest_ms):
+        timing.lateness.add(late_ms / 1_000)
+    (line,) = timing.lines()
+    return line
+
+
 @pytest.mark.parametrize(
     ("code", "output", "errors", "is_accepted"),
     [
@@ -71,10 +81,14 @@ def test_a_limit_is_relative_to_the_longest_delay_of_the_computer() -> None:
         (1, "Field link lost", "scans started up to 91.0 ms late", True),
         (1, "Field link lost", "scans started up to 89.0 ms late", False),
         (1, "Field link lost", "", False),
+        (1, "Field link lost", ticks(longest_ms=83.4), True),
+        (1, "Field link lost", ticks(longest_ms=29.9), False),
+        (1, "Field link lost", f"scans started up to 60.0 ms late\n{ticks(longest_ms=83.4)}", True),
+        (1, "Left lift did not move", ticks(longest_ms=83.4), False),
         (1, "Left lift did not move", "scans started up to 250.1 ms late", False),
     ],
 )
-def test_a_live_run_may_only_abort_because_of_a_late_scan(
+def test_a_live_run_may_only_abort_because_of_a_late_scan_or_answer(
     code: int, output: str, errors: str, is_accepted: bool
 ) -> None:
     if is_accepted:

@@ -96,7 +96,7 @@ def run_live_program(options: argparse.Namespace) -> int:
     stop.collect()
     with ExitStack() as stack:
         endpoints, ports = _endpoints(live, options)
-        stack.enter_context(DeviceServer(endpoints))
+        stack.enter_context(DeviceServer(endpoints, live.writes))
         served = {name: endpoint.port for name, endpoint in ports.items()}
         scans = run_live(live, pace, scan_ms=options.scan_ms, stop=stop, on_scan=_StateReport(served))
     print(f"stopped after {scans} scans", file=sys.stderr)

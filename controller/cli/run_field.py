@@ -194,7 +194,8 @@ def wait_for_field(link: DevicesLink, guard: ModbusOutputGuard, stop: Stop) -> b
             stop.wait(RETRY_S)
         else:
             for device in link.devices:
-                print(f"field I/O {device.label} responds", file=sys.stderr, flush=True)
+                model = f", model {' '.join(map(str, device.model))}" if device.model else ""
+                print(f"field I/O {device.label} responds{model}", file=sys.stderr, flush=True)
             for label in guard.blind:
                 print(
                     f"outputs of field I/O {label} cannot be read back: another master is not detected",

@@ -94,7 +94,8 @@ def operator_interfaces(
     with ExitStack() as stack:
         printer = EventWriter(options.events, sys.stdout)
         stack.callback(printer.close)
-        field = FieldReport(devices, machine, printer.write, options.language)
+        scan_ms = None if options.simulated_time else options.scan_ms
+        field = FieldReport(devices, machine, printer.write, options.language, scan_ms=scan_ms)
         runtime.observers.append(field)
         receivers: list[Callable[[Event | AlarmChange], None]] = [printer.write]
         edges = CycleEdges(machine)

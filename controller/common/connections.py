@@ -7,7 +7,8 @@ logged: a client that sends invalid data must not be able to fill a log.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Protocol, cast
 
@@ -39,6 +40,86 @@ class Traffic:
     timed_out: int = 0
 
 
+class Pending(Protocol):
+    """Write that an answer waits for.
+
+    Attributes:
+        limit_s: Longest wait, s.
+    """
+
+    limit_s: float
+
+    def when_settled(self, call: Callable[[], None]) -> None:
+        """Call a function as soon as the write is settled, in any thread."""
+
+    def withdraw(self) -> None:
+        """Settle the write with an error, unless it is already being carried out."""
+
+
+class LateAnswer:
+    """Answer to a request that waits; its coroutine needs no task and always runs to its end."""
+
+    def __init__(self, answering: Coroutine[Pending, None, bytes], pending: Pending) -> None:
+        """Take over a coroutine; see `begun`.
+
+        Args:
+            answering: Coroutine that returns the answer.
+            pending: What it waits for.
+        """
+        self._answering = answering
+        self._pending = pending
+        self._use: Callable[[bytes | None], None]
+        self._loop: asyncio.AbstractEventLoop
+        self._limit: asyncio.TimerHandle
+
+    def when_ready(self, loop: asyncio.AbstractEventLoop, use: Callable[[bytes | None], None]) -> None:
+        """Call a function with the answer in the thread of the event loop; None = the server has failed to answer."""
+        self._loop, self._use = loop, use
+        self._wait()
+
+    def abandon(self) -> None:
+        """Withdraw the write if that is still possible, and discard the answer: the client is gone."""
+        self._use = _discard
+        self._pending.withdraw()
+
+    def _wait(self) -> None:
+        self._limit = self._loop.call_later(self._pending.limit_s, self._pending.withdraw)
+        self._pending.when_settled(self._settled)
+
+    def _settled(self) -> None:
+        with suppress(RuntimeError):  # the loop has ended: nobody waits
+            self._loop.call_soon_threadsafe(self._proceed)
+
+    def _proceed(self) -> None:
+        self._limit.cancel()
+        try:
+            self._pending = self._answering.send(None)
+        except StopIteration as end:
+            self._use(end.value)
+        except Exception:
+            self._use(None)
+            raise
+        else:
+            self._wait()
+
+
+def begun(answering: Coroutine[Pending, None, bytes]) -> bytes | LateAnswer:
+    """Return the answer of a coroutine, or the late answer if it has to wait.
+
+    A request that does not wait, such as every read, costs no turn of the event loop.
+    """
+    try:
+        pending = answering.send(None)
+    except StopIteration as end:
+        answer: bytes = end.value
+        return answer
+    return LateAnswer(answering, pending)
+
+
+def _discard(_answer: bytes | None) -> None:
+    pass
+
+
 @dataclass(frozen=True, slots=True)
 class Answered:
     """Result of the frames in a receive buffer.
@@ -48,12 +129,14 @@ class Answered:
         answers: Data to send.
         requests: Number of requests answered.
         is_valid: False if the data is not a frame; the connection is closed after the answers.
+        late: Answer to the last of the requests, if it has to wait; the requests after it wait for it.
     """
 
     used: int
     answers: bytes
     requests: int
     is_valid: bool = True
+    late: LateAnswer | None = None
 
 
 class FrameSession(Protocol):
@@ -64,7 +147,7 @@ class FrameSession(Protocol):
         """True if the client has told the name of its operator, as the operator panel does first of all."""
 
     def answer(self, received: memoryview) -> Answered:
-        """Answer every complete frame at the start of the received data."""
+        """Answer the complete frames at the start of the received data, up to one whose answer has to wait."""
 
     def on_disconnect(self) -> None:
         """Notice that the client is gone."""
@@ -125,6 +208,8 @@ class FrameConnection(asyncio.BufferedProtocol):
         self._idle_check: asyncio.TimerHandle | None = None
         self._session: FrameSession | None = None
         self._slot: ClientSlot | None = None
+        self._late: LateAnswer | None = None
+        self._is_congested = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Register the connection, or close it if there is no slot."""
@@ -146,20 +231,31 @@ class FrameConnection(asyncio.BufferedProtocol):
             self._server.slots.leave(self._slot)
             self._slot = None  # it refers to this connection: without a cycle, all is released at once
         self._server.connections.discard(self)
+        if self._late is not None:
+            self._late.abandon()
+            self._late = None
         if self._session is not None:
             self._session.on_disconnect()
         if self._idle_check is not None:
             self._idle_check.cancel()
 
     def get_buffer(self, _sizehint: int) -> memoryview:
-        """Return the free part of the buffer; an incomplete frame never fills it completely."""
+        """Return the free part of the buffer.
+
+        An incomplete frame never fills it completely, and it is not read into while it is full of waiting requests.
+        """
         return self._buffer[self._filled :]
 
     def buffer_updated(self, nbytes: int) -> None:
         """Answer the complete requests in the buffer and store the remaining bytes."""
         self._filled += nbytes
+        self._serve()
+        self._read_or_pause()
+
+    def _serve(self) -> None:
+        """Answer requests in their order, up to one whose answer has to wait."""
         transport = self._transport
-        if transport is None or self._session is None or transport.is_closing():
+        if transport is None or self._session is None or self._late is not None or transport.is_closing():
             return
         result = self._session.answer(self._buffer[: self._filled])
         self._server.traffic.requests += result.requests
@@ -173,18 +269,40 @@ class FrameConnection(asyncio.BufferedProtocol):
             self._filled = len(rest)
         if result.answers:
             transport.write(result.answers)
-        if not result.is_valid or self._filled == RECEIVE_BYTES:
+        if result.late is not None:
+            self._late = result.late
+            self._late.when_ready(self._loop, self._send_late)
+        elif not result.is_valid or self._filled == RECEIVE_BYTES:
             self._server.traffic.bad_frames += 1
             transport.close()  # after the answers to the preceding requests are sent
 
+    def _send_late(self, answer: bytes | None) -> None:
+        """Send the answer that had to wait, and serve the requests that have arrived in the meantime."""
+        self._late = None
+        if answer is None:
+            self.abort()
+        elif self._transport is not None and not self._transport.is_closing():
+            self._transport.write(answer)
+        self._serve()
+        self._read_or_pause()
+
     def pause_writing(self) -> None:
         """Stop reading from a client that does not read its answers."""
-        if self._transport is not None:
-            self._transport.pause_reading()
+        self._is_congested = True
+        self._read_or_pause()
 
     def resume_writing(self) -> None:
         """Resume reading."""
-        if self._transport is not None and not self._transport.is_closing():
+        self._is_congested = False
+        self._read_or_pause()
+
+    def _read_or_pause(self) -> None:
+        """Read as long as there is room for requests and for answers."""
+        if self._transport is None or self._transport.is_closing():
+            return
+        if self._is_congested or self._filled == RECEIVE_BYTES:
+            self._transport.pause_reading()
+        else:
             self._transport.resume_reading()
 
     def abort(self) -> None:

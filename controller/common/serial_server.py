@@ -9,6 +9,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Final
 
+from controller.common.connections import LateAnswer
+
 WRITE_LIMIT_S: Final = 0.1
 """Write timeout, s; a serial line that does not accept an answer within this time is treated as disconnected."""
 REOPEN_S: Final = 0.5
@@ -62,6 +64,7 @@ class SerialServer(ABC):
         self._loop: asyncio.AbstractEventLoop
         self._timers: set[asyncio.TimerHandle] = set()
         self._gap: asyncio.TimerHandle | None = None
+        self._late: LateAnswer | None = None
 
     @property
     def path(self) -> str:
@@ -92,7 +95,7 @@ class SerialServer(ABC):
 
     @abstractmethod
     def _feed(self, data: bytes) -> None:
-        """Process received data."""
+        """Process received data, and that received before; requests wait while there is a late answer."""
 
     @property
     @abstractmethod
@@ -135,13 +138,31 @@ class SerialServer(ABC):
         # the idle time begins again with every byte
         if self._gap is not None:
             self._gap.cancel()
+        self._process(data)
+
+    def _process(self, data: bytes) -> None:
         self._feed(data)
-        if self._is_waiting:
+        if self._is_waiting and self._late is None:
             self._gap = self._loop.call_later(self._gap_s, self._discard_incomplete)
+
+    def _send_later(self, late: LateAnswer) -> None:
+        """Send an answer as soon as it is ready, before the requests after it are processed."""
+
+        def send(answer: bytes | None) -> None:
+            self._late = None
+            if answer:
+                self._send(answer)
+            self._process(b"")
+
+        self._late = late
+        late.when_ready(self._loop, send)
 
     def _close(self) -> None:
         if self._port is None:
             return
+        if self._late is not None:
+            self._late.abandon()
+            self._late = None
         self._loop.remove_reader(self._port.fileno())
         self._port.close()
         self._port = None

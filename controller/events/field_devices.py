@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Protocol, TypeVar
 
 from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmChange
 from controller.events.kinds import AlarmEvent, Event
+from controller.events.response_times import ResponseTimes
 from controller.program.machine import Transplanter
 from controller.program.texts.field import FIELD_CHANGES, NAMED, FieldChange
 from controller.program.texts.operator import Language
 
 E = TypeVar("E", bound=Event | AlarmChange)
-_PAIRS: Final[tuple[tuple[FieldChange, FieldChange], ...]] = (("lost", "back"), ("tripped", "reset"))
+_PAIRS: Final[tuple[tuple[FieldChange, FieldChange], ...]] = (
+    ("lost", "back"),
+    ("tripped", "reset"),
+    ("slow", "prompt"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +29,7 @@ class FieldEvent:
     Attributes:
         at_ms: Time of the event, ms.
         device: Name and address of the device.
-        change: lost, back, tripped, reset or gap.
+        change: lost, back, tripped, reset, gap, slow or prompt.
         text: Message for the operator.
         detail: Technical reason in English; empty = none.
     """
@@ -52,9 +57,13 @@ class FieldDevices(Protocol):
     def gaps(self) -> tuple[str, ...]:
         """Labels of the devices whose output watchdog may have tripped between two confirmed writes."""
 
+    @property
+    def waits(self) -> Sequence[tuple[str, str, float]]:
+        """Label of each device, address of its line, and total time that scans have waited for its answers, s."""
+
 
 class FieldReport:
-    """Observer that reports the devices that are lost or tripped while the machine is aborted, and their return."""
+    """Observer that reports the devices that are lost, tripped or too slow, and their return."""
 
     def __init__(
         self,
@@ -62,6 +71,8 @@ class FieldReport:
         machine: Transplanter,
         report: Callable[[FieldEvent], None],
         language: Language = "en",
+        *,
+        scan_ms: int | None = None,
     ) -> None:
         """Create the observer.
 
@@ -70,12 +81,16 @@ class FieldReport:
             machine: Program and its tags.
             report: Listener that receives every event.
             language: Language of the texts.
+            scan_ms: Scan period with which the times of the answers are compared, ms; None = they are not, because a
+                response takes no simulated time.
         """
         self._devices = devices
         self._alarm = machine.alarms.link_lost.number
         self._lost = machine.tags.system.link_lost
         self._report = report
         self._language = language
+        self._times = None if scan_ms is None else ResponseTimes(scan_ms)
+        self._gaps: tuple[str, ...] = ()
         self._shown: dict[FieldChange, frozenset[str]] = {begin: frozenset() for begin, _ in _PAIRS}
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
@@ -83,20 +98,26 @@ class FieldReport:
         lost = dict(self._devices.lost)
         is_lost = bool(plc.read(self._lost))
         new = {name for name in lost if is_lost or name in self._shown["lost"]}
+        slow: Mapping[str, str] = {}
+        if self._times is not None:
+            self._times.update(self._devices.waits)
+            slow = self._times.slow
+        details: dict[FieldChange, Mapping[str, str]] = {"lost": lost, "slow": slow}
         found: dict[FieldChange, frozenset[str]] = {
             "lost": frozenset(new),
             "tripped": frozenset(self._devices.tripped),
+            "slow": frozenset(slow),
         }
         for begin, end in _PAIRS:
-            for change, names in (
-                (begin, found[begin] - self._shown[begin]),
-                (end, self._shown[begin] - found[begin]),
-            ):
-                for name in sorted(names):
-                    self._tell(now_ms, name, change, lost.get(name, "") if change == "lost" else "")
+            for name in sorted(found[begin] - self._shown[begin]):
+                self._tell(now_ms, name, begin, details.get(begin, {}).get(name, ""))
+            for name in sorted(self._shown[begin] - found[begin]):
+                self._tell(now_ms, name, end)
             self._shown[begin] = found[begin]
-        for name in self._devices.gaps:  # they are forgotten in the next scan, which aborts the machine
+        gaps = self._devices.gaps  # they are forgotten in the next scan, which aborts the machine
+        for name in gaps:
             self._tell(now_ms, name, "gap")
+        self._gaps = gaps or (self._gaps if is_lost else ())
 
     def _tell(self, now_ms: int, name: str, change: FieldChange, detail: str = "") -> None:
         text = getattr(FIELD_CHANGES[change], self._language).format(device=name)
@@ -106,7 +127,8 @@ class FieldReport:
         """Return an event with the names of the devices if it is the alarm of the field link, otherwise unchanged."""
         if not isinstance(event, AlarmEvent | AlarmChange) or event.number != self._alarm:
             return event
-        devices = ", ".join((*self._devices.lost, *self._devices.tripped))
+        faulty = (*self._devices.lost, *self._devices.tripped) or self._gaps or sorted(self._shown["slow"])
+        devices = ", ".join(faulty)
         if not devices:
             return event
         text = getattr(NAMED, self._language).format(message=event.text, devices=devices)

@@ -21,6 +21,7 @@ from controller.io.link import FieldLink, OutputsTakenError
 from controller.io.ownership import OutputGuard, OutputOwnership
 from controller.io.panel_watch import PanelWatch
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter
+from controller.io.scan_writes import ScanWrite, ScanWrites
 from controller.program.machine import Transplanter
 from controller.program.set_points import SetPointError
 from controller.program.states import State
@@ -45,6 +46,7 @@ class Runtime(Saved):
         forcing: Forced inputs.
         ownership: Ownership of the outputs.
         panel: Messages of the operator panel and their timeout.
+        writes: Writes of communication partners, which are answered at the end of the scan that took them.
         field: Connection to the field link.
         released: Y image written last, raw levels.
         released_words: Values of the output registers written last.
@@ -115,6 +117,7 @@ class Runtime(Saved):
         self._held_since_ms: int | None = None
         self._orders: deque[Sequence[tuple[Bit | Word, int]]] = deque()
         """Writes from other threads; the writes of one entry take effect in the same scan."""
+        self.writes = ScanWrites()
         self.panel = PanelWatch(panel_limit_ms)
         self._safe = machine.io_map.safe_outputs()
         self._safe_words = machine.io_map.safe_registers()
@@ -161,6 +164,7 @@ class Runtime(Saved):
         while self._orders:
             for device, value in self._orders.popleft():
                 self.plc.write(device, value)
+        self.writes.take()
         self.panel.adopt(now_ms)
         self._write_status(
             self.link_lost,
@@ -181,6 +185,7 @@ class Runtime(Saved):
         self.released_words = self._release_words(safe=safe)
         self._write(start_ms)
         self.notify_observers(now_ms)
+        self.writes.settle()
 
     @property
     def link(self) -> FieldLink:
@@ -202,7 +207,8 @@ class Runtime(Saved):
         return (
             self.field.is_open
             and self.field.has_inputs
-            and not (any(self._status) or self.link_lost or self._failed or self._orders or self.forcing.levels)
+            and not (any(self._status) or self.link_lost or self._failed or self.forcing.levels)
+            and not (self._orders or self.writes.are_waiting)
             and self.panel.is_idle
             and not self.released_words
             and self._held_since_ms is None
@@ -255,14 +261,33 @@ class Runtime(Saved):
         Raises:
             SetPointError: A set-point is unknown, or a value is out of range; nothing is changed.
         """
+        self._orders.append(self.checked(values))
+        self.panel.heartbeat()
+
+    def checked(self, values: Mapping[str, str]) -> Sequence[tuple[Word, int]]:
+        """Return the words of set-points and their new values.
+
+        Raises:
+            SetPointError: A set-point is unknown, or a value is out of range.
+        """
         set_points = self.machine.tags.sp
         changes = [set_points.checked(name, value) for name, value in values.items()]
         if any(word in set_points.constants for word, _ in changes):
             raise SetPointError(
                 "a machine parameter cannot change while the controller runs; set it at start-up with --set"
             )
-        self._orders.append(changes)
+        return changes
+
+    def submit(self, changes: Sequence[tuple[Bit | Word, int]], act: Callable[[], None] = lambda: None) -> ScanWrite:
+        """Write devices in the next scan, all in the same one, after calling `act`, which may refuse; thread-safe."""
+
+        def change() -> None:
+            act()
+            for device, value in changes:
+                self.plc.write(device, value)
+
         self.panel.heartbeat()
+        return self.writes.submit(change)
 
     def write_safe_outputs(self) -> bool:
         """Write the safe state of every output and return True if the field I/O accepted it.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import sys
 import threading
 from collections.abc import Callable
@@ -14,19 +15,21 @@ from controller.common.stop_request import INTERRUPTED
 from plant_sim.cli import connect, serve
 from plant_sim.cli.options import add_air_argument, add_fault_arguments, add_machine_arguments, faults_of
 from plant_sim.cli.serving import add_frequency_argument, build
-from plant_sim.hil.bench import Bench, BenchLimits
-from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, BenchRun, CaseResult, CaseVerdict
-from plant_sim.hil.delaying_module import DelayingModule
-from plant_sim.hil.report import junit, line, page, summary, write
-from plant_sim.hil.timing_picture import timing_picture
+from plant_sim.hil.bench import Bench, BenchLimits, ControllerSupply
+from plant_sim.hil.bench_module import BenchModule
+from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, SHORT_GROUPS, BenchRun, CaseResult, CaseVerdict
+from plant_sim.hil.own_trial import OwnTrialError, drive, measure
+from plant_sim.hil.random_operator import SECONDS_PER_TRAY
+from plant_sim.hil.reference import TrialQuantities
+from plant_sim.hil.reporting.report import junit, line, page, summary, write
+from plant_sim.hil.reporting.timing_picture import timing_picture
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.machine.parameters import Machine
+from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
-from plant_sim.twin.lock_step import SCAN_MS, Twin
-from plant_sim.twin.own_program import drive
-from plant_sim.twin.trial import run_trial
+from plant_sim.twin.lock_step import SCAN_MS
 
 TRAYS: Final = 60
 """Trays in the magazine, enough for all cases with the reference program."""
@@ -36,6 +39,8 @@ NO_LINK: Final = {"watchdog_ms": 100, "real_time_priority": None, "real_time_cpu
 """Options that have no effect on a controller in the same process."""
 ABOUT: Final = "Controller on the simulated transplanter"
 STOPPED: Final = "stopped before the last case"
+MOST_RANDOM_S: Final = 1_000_000
+"""Longest duration of the random operator that can be given, s."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the cases; return 0 if none failed, 1 if one failed, and `INTERRUPTED` before the last case.
+    """Run the cases; return 0 if none failed, 1 if one failed or nothing is written, `INTERRUPTED` if stopped.
 
     Raises:
         InputError: An option or a file is invalid, or a port cannot be opened.
@@ -81,6 +86,23 @@ def _add_judge(parser: argparse.ArgumentParser) -> None:
         help=f"group of cases to run: {', '.join(GROUPS)}; may be repeated (default: all); {', '.join(FIRST_GROUPS)} "
         "always run",
     )
+    judge.add_argument(
+        "--short", action="store_true", help=f"the same as --cases for {', '.join(SHORT_GROUPS)}: 35 minutes at most"
+    )
+    judge.add_argument(
+        "--random-operator",
+        type=int,
+        default=0,
+        metavar="SECONDS",
+        help="let an operator press at random for this time after all cases; in lock step only",
+    )
+    judge.add_argument("--random-seed", type=int, default=1, help="seed of the random operator")
+    judge.add_argument(
+        "--wait-s",
+        type=int,
+        default=60,
+        help="in lock step: longest time without a write of the outputs, by the clock, after which the run ends",
+    )
     judge.add_argument("--only", default="", metavar="TEXT", help="run the further cases whose names contain this text")
     judge.add_argument(
         "--stop-ms", type=int, default=limits.stop_ms, help="longest time from emergency stop to outputs off"
@@ -91,7 +113,7 @@ def _add_judge(parser: argparse.ArgumentParser) -> None:
     judge.add_argument(
         "--no-reference",
         action="store_true",
-        help="do not compare the losses of the trial with those of the machine's own program",
+        help="do not compare losses, missed cups, duration and switching of the trial with the machine's own program",
     )
     judge.add_argument("--out", type=Path, required=True, help="folder for hil.xml (JUnit) and hil.html")
     parser.set_defaults(trays=TRAYS)
@@ -113,10 +135,12 @@ def _judge_plc(options: argparse.Namespace) -> int:
 
 def _judge_program(options: argparse.Namespace) -> int:
     judgement = _Judgement(options)
-    ended = threading.Event()
+    ended, supply = threading.Event(), ControllerSupply()
+    judgement.bench.supply = supply
     judgement.play(ended.set)
     drive(
         InProcessLink(judgement.module),
+        supply,
         until=lambda: ended.is_set() or options.stop.is_set(),
         set_points=set_points_of(judgement.machine),
     )
@@ -129,33 +153,55 @@ class _Judgement:
     Attributes:
         module: I/O module.
         machine: Parameters of the machine.
+        bench: Bench.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:
         self._options = options
+        self._silent = False
+        if options.random_operator and not options.lock_step_ms:
+            raise InputError("--random-operator: only in lock step; add --lock-step-ms 10")
+        if not 0 <= options.random_operator <= MOST_RANDOM_S or not 0 < options.wait_s <= MOST_MS:
+            raise InputError(
+                f"--random-operator must be 0 to {MOST_RANDOM_S}, and --wait-s 1 to {MOST_MS}; change the option"
+            )
+        if options.short and options.cases:
+            raise InputError("--short: selects the groups itself; omit it, or --cases")
+        options.trays += options.random_operator // SECONDS_PER_TRAY
         for name in ("stop_ms", "margin_ms"):
             if not 0 <= getattr(options, name) <= MOST_MS:
                 raise InputError(f"--{name.replace('_', '-')} {getattr(options, name)}: must be 0 to {MOST_MS}")
-        self.module, self.machine = build(options, DelayingModule)
-        self._bench = Bench(
-            self.module, self.machine, BenchLimits(stop_ms=options.stop_ms, margin_ms=options.margin_ms)
-        )
+        self.module, self.machine = build(options, BenchModule)
+        self.bench = Bench(self.module, self.machine, BenchLimits(stop_ms=options.stop_ms, margin_ms=options.margin_ms))
         self._run = BenchRun(
-            self._bench,
-            groups=options.cases or GROUPS,
+            self.bench,
+            groups=options.cases or (SHORT_GROUPS if options.short else GROUPS),
             only=options.only,
-            reference_lost=None if options.no_reference else _reference_lost(options, self.module, self.machine),
+            reference=None if options.no_reference else _reference(options, self.module, self.machine),
+            random_s=options.random_operator,
+            random_seed=options.random_seed,
             report=lambda result: print(line(result), flush=True),
         )
         _check_folder(options.out)
 
     def begin(self, server: PlantServer) -> None:
-        """Begin the run; the server ends with it."""
+        """Begin the run; the server ends with it, and in lock step also if the controller writes nothing more."""
         self.play(server.end)
+        if self._options.lock_step_ms:
+            self._watch(server, -1)
+
+    def _watch(self, server: PlantServer, writes: int) -> None:
+        """End the server if no output has been written since the last call."""
+        if self.module.block_writes == writes:
+            self._silent = True
+            server.end()
+        else:
+            loop = asyncio.get_running_loop()
+            loop.call_later(self._options.wait_s, self._watch, server, self.module.block_writes)
 
     def play(self, ended: Callable[[], None]) -> None:
         """Begin the run; `ended` is called after its end."""
-        self._bench.play(self._run.procedure(), ended=ended)
+        self.bench.play(self._run.procedure(), ended=ended)
 
     def finish(self) -> int:
         """Write the reports and return the exit code."""
@@ -163,40 +209,33 @@ class _Judgement:
         time_base = f"lock step, {options.lock_step_ms} ms" if options.lock_step_ms else "real time"
         facts = (f"machine {options.machine}, seed {options.seed}, {options.trays} trays", time_base)
         timing = self.module.timing.lines()
-        about = ABOUT if self._run.is_complete else f"{ABOUT} ({STOPPED})"
+        ended = f"{STOPPED}: no output was written for {options.wait_s} s" if self._silent else STOPPED
+        about = ABOUT if self._run.is_complete else f"{ABOUT} ({ended})"
         xml, html = junit(results, about=about), page(results, about=about, facts=[*facts, *timing], picture=self._draw)
         print(summary(results), *write(options.out, xml, html), sep="\n")
         if not self._run.is_complete:
-            print(STOPPED, file=sys.stderr)
-            return INTERRUPTED
+            print(ended, file=sys.stderr)
+            return 1 if self._silent else INTERRUPTED
         return 1 if any(each.verdict is CaseVerdict.FAILED for each in results) else 0
 
     def _draw(self, result: CaseResult) -> str:
         title = f"{result.group}: {result.name}"
-        trace, io_map = self._bench.trace, self.module.io_map
+        trace, io_map = self.bench.trace, self.module.io_map
         return timing_picture(trace, io_map, result.mark_ms, title=title, to_ms=result.to_ms)
 
 
-def _reference_lost(options: argparse.Namespace, module: IoModule, machine: Machine) -> int:
-    """Return the seedlings that the machine's own program loses in the same trial in lock step.
+def _reference(options: argparse.Namespace, module: IoModule, machine: Machine) -> TrialQuantities:
+    """Return the quantities of the same trial with the machine's own program, in lock step.
 
     Raises:
         InputError: The program does not complete the trial, so that there is nothing to compare with.
     """
-
-    def prepare(twin: Twin) -> None:
-        twin.plant.planting_frequency_per_min = module.plant.planting_frequency_per_min
-
-    report = run_trial(
-        seed=options.seed,
-        io_map=module.io_map,
-        parameters=machine,
-        faults=faults_of(options),
-        prepare=prepare,
-    )
-    if not report.completed:
-        raise InputError("the machine's own program does not complete this trial; add --no-reference")
-    return report.P + report.D + report.T
+    plant = Plant(module.io_map, machine, seed=options.seed, trays=options.trays, faults=faults_of(options))
+    plant.planting_frequency_per_min = module.plant.planting_frequency_per_min
+    try:
+        return measure(plant, module.io_map, machine)
+    except OwnTrialError as error:
+        raise InputError(f"{error}; add --no-reference") from error
 
 
 def _check_folder(folder: Path) -> None:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 from plant_sim.faults import FaultError, parse_fault
-from plant_sim.hil.figure import Figure
 from plant_sim.hil.machine_view import FLICKER_CHANGES, SIDES, MachineView
 from plant_sim.hil.procedure import CaseError, Condition, NotRunError, Procedure, Wait
+from plant_sim.hil.reference import TrialQuantities
 from plant_sim.hil.situations import SituationLog
 from plant_sim.hil.trace import WireTrace
+from plant_sim.hil.work import WorkMeter
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 
@@ -45,6 +46,23 @@ class BenchLimits:
     clear_ms: int = 3_300
 
 
+class Figure(NamedTuple):
+    """Measured value with its unit.
+
+    Attributes:
+        value: Value.
+        unit: Unit; empty for a number of items.
+    """
+
+    value: float
+    unit: str = ""
+
+    @property
+    def text(self) -> str:
+        """Value and unit."""
+        return f"{self.value:g} {self.unit}".rstrip()
+
+
 @dataclass(slots=True)
 class Findings:
     """Findings of the case that runs.
@@ -60,6 +78,19 @@ class Findings:
     mark_ms: int | None = None
 
 
+@dataclass(slots=True)
+class ControllerSupply:
+    """Power and link of a controller.
+
+    Attributes:
+        is_on: True while the controller has power.
+        is_linked: True while its link to the I/O module is connected.
+    """
+
+    is_on: bool = True
+    is_linked: bool = True
+
+
 class Bench:
     """Operation and observation of the plant for the procedures.
 
@@ -71,6 +102,11 @@ class Bench:
         situations: Situations of the arms and the tray so far.
         findings: Findings of the case that runs.
         forbidden: Reason for which no actuator may be switched on; empty = permitted.
+        work: Quantities of undisturbed work.
+        reference: Quantities of the trial of the machine's own program; None = not compared.
+        trial: Quantities of the last complete trial; None = none yet.
+        supply: Power and link of the controller; None = the bench cannot interrupt them.
+        is_interrupted: True while the bench interrupts them, so that the output watchdog trips.
         resting: Actuators that were on when the machine came to rest, and may stay on while `forbidden`.
     """
 
@@ -88,6 +124,11 @@ class Bench:
         self.trace = WireTrace(module)
         self.situations = SituationLog(self.view)
         self.findings = Findings()
+        self.work = WorkMeter(self.view, pitch_m=machine.cups.pitch_m)
+        self.reference: TrialQuantities | None = None
+        self.trial: TrialQuantities | None = None
+        self.supply: ControllerSupply | None = None
+        self.is_interrupted = False
         self.forbidden = ""
         self.resting: frozenset[str] = frozenset()
         self._faults: list[str] = []
@@ -96,6 +137,7 @@ class Bench:
         self._ended: Callable[[], None] = lambda: None
         self._events_seen = 0
         self._stop_ms: int | None = None
+        self._off_ms = self.limits.stop_ms
         module.observers.append(self.observe)
 
     @property
@@ -113,6 +155,7 @@ class Bench:
         self.view.update()
         self.trace.sample()
         self.situations.update()
+        self.work.update()
         self._check_rules()
         while (wait := self._wait) is not None:
             if wait.condition():
@@ -154,20 +197,35 @@ class Bench:
 
     def hold(self, button: str, for_ms: int) -> Procedure:
         """Press a button for a time, then release it and wait 0.2 s."""
+        self.end_work()
         setattr(self.module.plant.box, button, True)
         yield from self.pause(for_ms)
         setattr(self.module.plant.box, button, False)
         yield from self.pause(200)
 
+    def release_buttons(self) -> None:
+        """Release start and stop, which an interrupted procedure may have left pressed."""
+        self.module.plant.box.start = self.module.plant.box.stop = False
+
     def press_emergency_stop(self) -> None:
         """Press the emergency stop, which latches; from now on the reaction is measured."""
         self.module.plant.box.emergency_stop = True
+        self.expect_off()
+
+    def expect_off(self, within_ms: int | None = None) -> None:
+        """Require from now on that all actuators are off within a time, ms; None = that of the emergency stop."""
+        self.end_work()
         self._stop_ms = self.findings.mark_ms = self.now_ms
+        self._off_ms = self.limits.stop_ms if within_ms is None else within_ms
         self.forbidden = ""
 
     def release_emergency_stop(self) -> None:
         """Release the emergency stop; no actuator may switch on before the next press."""
         self.module.plant.box.emergency_stop = False
+        self.forbid_start()
+
+    def forbid_start(self) -> None:
+        """Forbid that an actuator is switched on before start is pressed."""
         self._stop_ms = None
         self.forbid("before start was pressed")
 
@@ -181,6 +239,7 @@ class Bench:
         Raises:
             NotRunError: This machine cannot have the fault, or has it already.
         """
+        self.end_work()
         try:
             fault = parse_fault(text)
             self.module.plant.faults.add(fault)
@@ -193,6 +252,11 @@ class Bench:
         """Clear the faults that cases have started; those of the options remain."""
         while self._faults:
             self.module.plant.faults.clear(self._faults.pop())
+
+    def end_work(self) -> None:
+        """End the span of undisturbed work, and judge it."""
+        for name, text in self.work.end(self.reference):
+            self.violate(name, text)
 
     # --- rules
 
@@ -209,7 +273,7 @@ class Bench:
             self.violate("opposite outputs", f"{one} and {other} are on together")
         if view.flickering:
             self.violate("flicker", f"{_listed(view.flickering)} switched {FLICKER_CHANGES} times in quick succession")
-        if self.module.tripped:
+        if self.module.tripped and not self.is_interrupted:
             self.violate("output watchdog", f"no output written for {self.module.watchdog_ms} ms")
         events = self.module.plant.events
         for event in events[self._events_seen :]:
@@ -218,7 +282,7 @@ class Bench:
         if not view.on:
             if self._stop_ms is not None and view.changed_ms >= self._stop_ms:
                 self.findings.figures["outputs off after"] = Figure(view.changed_ms - self._stop_ms, "ms")
-        elif self._stop_ms is not None and self.now_ms - self._stop_ms > self.limits.stop_ms:
+        elif self._stop_ms is not None and self.now_ms - self._stop_ms > self._off_ms:
             self.violate("emergency stop", f"{_listed(view.on)} on {self.now_ms - self._stop_ms} ms after the press")
         self.resting &= view.on
         if self.forbidden and view.on > self.resting:

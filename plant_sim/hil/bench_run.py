@@ -7,8 +7,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from plant_sim.hil.bench import Bench, Findings
+from plant_sim.hil.bench import Bench, Figure, Findings
 from plant_sim.hil.cases import (
+    EDGE,
+    WORK,
     Case,
     fault_cases,
     first_cases,
@@ -19,15 +21,22 @@ from plant_sim.hil.cases import (
     shortage_of_trays,
     stop_and_clear,
     stop_cases,
+    work_cases,
 )
-from plant_sim.hil.figure import Figure
 from plant_sim.hil.machine_view import SHORTEST_MS
+from plant_sim.hil.press_cases import PRESS, REST, first_motion_cases, press_cases, rest_cases
 from plant_sim.hil.procedure import CaseError, NotRunError, Procedure
+from plant_sim.hil.random_operator import random_cases
+from plant_sim.hil.reference import TrialQuantities
+from plant_sim.hil.wire_cases import SUPPLY, WIRES, supply_cases, wire_cases
 
 FIRST_GROUPS: Final = ("power-up", "homing", "cycle", "trial", "stop")
 """Groups that always run, because the others need the situations of their trial."""
-GROUPS: Final = (*FIRST_GROUPS, "emergency stop", "fault", "scan-time margin")
+GROUPS: Final = (*FIRST_GROUPS, PRESS, REST, "emergency stop", EDGE, "fault", WIRES, SUPPLY, WORK, "scan-time margin")
 """Groups of cases in their order."""
+
+SHORT_GROUPS: Final = (*FIRST_GROUPS, PRESS, REST)
+"""Groups of a short run: 1,947 s with the reference program."""
 
 
 class CaseVerdict(enum.StrEnum):
@@ -77,7 +86,9 @@ class BenchRun:
         *,
         groups: Iterable[str] = GROUPS,
         only: str = "",
-        reference_lost: int | None = None,
+        reference: TrialQuantities | None = None,
+        random_s: int = 0,
+        random_seed: int = 1,
         report: Callable[[CaseResult], None] | None = None,
     ) -> None:
         """Create a run.
@@ -86,7 +97,9 @@ class BenchRun:
             bench: Bench.
             groups: Groups of cases to run; the first ones are always run.
             only: Text that the names of the further cases must contain.
-            reference_lost: Seedlings that the machine's own program loses in the same trial; None = not compared.
+            reference: Quantities of the same trial with the machine's own program; None = not compared.
+            random_s: Duration of the random operator, who acts after all other cases, s.
+            random_seed: Seed of the random operator.
             report: Function that is called after every case.
         """
         self.results: list[CaseResult] = []
@@ -94,14 +107,17 @@ class BenchRun:
         self._bench = bench
         self._groups = frozenset(groups)
         self._only = only
-        self._reference_lost = reference_lost
+        bench.reference = reference
         self._report = report
+        self._random = random_cases(random_s, random_seed)
         self._lost_machine = ""
 
     def procedure(self) -> Procedure:
         """Run all cases."""
-        for case in first_cases(self._reference_lost):
+        for case in first_cases():
             yield from self._case(case)
+            if not self._bench.view.is_driven:
+                self._lost_machine = "the controller has written no output"
             if case.group == "homing":
                 self._bench.situations.clear()
         for case in self._further_cases():
@@ -110,9 +126,20 @@ class BenchRun:
 
     def _further_cases(self) -> Iterator[Case]:
         usual_ms = {each: ms for each, ms in self._bench.situations.usual_ms().items() if ms >= SHORTEST_MS}
-        cases = (*stop_cases(usual_ms), *fault_cases(), *margin_cases())
+        stops = (*stop_cases(usual_ms), *first_motion_cases())
+        cases = (
+            *press_cases(),
+            *rest_cases(),
+            *stops,
+            *fault_cases(),
+            *wire_cases(),
+            *supply_cases(),
+            *work_cases(),
+            *margin_cases(),
+        )
         chosen = [case for case in cases if case.group in self._groups and self._only in case.name]
         yield from chosen
+        yield from self._random
         further = [group for group in GROUPS if group in self._groups and group not in FIRST_GROUPS]
         for group in further if not self._only or not chosen else ():
             if group not in {case.group for case in chosen}:
@@ -133,6 +160,7 @@ class BenchRun:
                 yield from run(bench)
                 from_ms = bench.now_ms
             yield from case.procedure(bench)
+            bench.end_work()
         except NotRunError as error:
             if not bench.findings.violations:
                 self._note(CaseResult(case.group, case.name, CaseVerdict.NOT_RUN, [str(error)], from_ms, bench.now_ms))
@@ -145,13 +173,14 @@ class BenchRun:
         mark_ms = bench.now_ms if found.mark_ms is None else found.mark_ms
         verdict = CaseVerdict.FAILED if reasons else CaseVerdict.PASSED
         self._note(CaseResult(case.group, case.name, verdict, reasons, from_ms, bench.now_ms, mark_ms, found.figures))
-        if reasons:
+        if reasons and bench.view.is_driven:
             yield from self._bring_back()
 
     def _bring_back(self) -> Procedure:
         """Bring the machine into its initial state after a failure; if that fails, no further case is run."""
         bench = self._bench
         bench.repair()
+        bench.release_buttons()
         bench.findings = Findings()
         bench.forbidden = ""
         try:

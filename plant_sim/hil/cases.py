@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import math
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
 from typing import Final, NamedTuple
 
 from plant_sim.crop.seedling import CELLS_ALONG, TRAY_CELLS
 from plant_sim.hil.answers import LAMP, answer, has_lamp
-from plant_sim.hil.bench import Bench
-from plant_sim.hil.delaying_module import DelayingModule
-from plant_sim.hil.figure import Figure
+from plant_sim.hil.bench import Bench, Figure
+from plant_sim.hil.bench_module import BenchModule
 from plant_sim.hil.procedure import CaseError, NotRunError, Procedure, Wait
+from plant_sim.hil.reference import TRIAL_SEEDLINGS, TRIAL_TRAYS, TrialQuantities, excesses, most
 from plant_sim.hil.situations import OutputSituation
 
-TRIAL_TRAYS: Final = 2
-"""Trays of a trial. Source: docs/sources/machine.md 5."""
 ROWS_OF_A_CYCLE: Final = 2
 FAULTS: Final = (
     "broken_wire:stop",
@@ -39,8 +37,18 @@ FAULTS: Final = (
 """One fault of every class that a program can detect by its inputs without damage (docs/fault-matrix.md)."""
 ASKED_AFTER: Final = frozenset({"jammed:conveyor"})
 """Faults after which the reference program asks the operator."""
+EDGE: Final = "emergency stop at an edge"
+"""Group of the emergency stops at the beginning of a situation, which is the end of the one before, and in the first
+motions after a press of start."""
 DEAD_TIMES_MS: Final = (0, 5, 10, 15, 20, 30, 40, 60, 80)
 """Dead times of the margin in each direction, ms."""
+GONE: Final = ("IN_CUP", "LOST_PICK", "LOST_CARRY", "LOST_THROW")
+"""Places of the seedlings that have left the machine."""
+WORK: Final = "work"
+WORK_MS: Final = 300_000
+"""Time for which the machine works undisturbed, so that rare faults of a program are seen, ms."""
+REST_MS: Final = 60_000
+"""Time for which a machine at rest is watched once for each kind of rest, ms."""
 AT_REST_MS: Final = 20_000
 """Time without motion after which a machine counts as stopped, ms: twelve cups at 45 cups per minute take 16 s."""
 
@@ -61,37 +69,31 @@ class Case(NamedTuple):
     starts: bool = False
 
 
-def first_cases(reference_lost: int | None) -> Iterator[Case]:
-    """Return the cases up to the complete trial, whose situations define the cases that follow.
-
-    Args:
-        reference_lost: Seedlings that the machine's own program loses in the same trial; None = not compared.
-    """
+def first_cases() -> Iterator[Case]:
+    """Return the cases up to the complete trial, whose situations define the cases that follow."""
     yield Case("power-up", "nothing moves without a press", power_up)
     yield Case("homing", "from power-up to the initial state", homing)
     yield Case("cycle", "both arms throw their first row", one_cycle)
-    yield Case("trial", f"{TRIAL_TRAYS * TRAY_CELLS} seedlings", lambda bench: trial(bench, reference_lost))
+    yield Case("trial", f"{TRIAL_SEEDLINGS} seedlings", trial)
     yield Case("stop", "the machine finishes its cycle and rests", stop)
 
 
 def stop_cases(situations: dict[OutputSituation, int]) -> Iterator[Case]:
-    """Return an emergency stop in every situation, at half of its usual duration."""
-    for situation, usual_ms in situations.items():
-
-        def procedure(bench: Bench, situation: OutputSituation = situation, at_ms: int = usual_ms // 2) -> Procedure:
-            yield from emergency_stop(bench, situation, at_ms)
-
-        yield Case("emergency stop", situation.title, procedure, starts=True)
+    """Return an emergency stop in every situation, at half of its usual duration and at its beginning."""
+    for group, share in (("emergency stop", 0.5), (EDGE, 0.0)):
+        for situation, usual_ms in situations.items():
+            yield Case(group, situation.title, partial(emergency_stop, situation, round(share * usual_ms)), starts=True)
 
 
 def fault_cases() -> Iterator[Case]:
     """Return one case for every class of faults."""
     for fault in FAULTS:
+        yield Case("fault", fault, partial(fault_class, fault), starts=True)
 
-        def procedure(bench: Bench, fault: str = fault) -> Procedure:
-            yield from fault_class(bench, fault)
 
-        yield Case("fault", fault, procedure, starts=True)
+def work_cases() -> Iterator[Case]:
+    """Return a long span of undisturbed work."""
+    yield Case(WORK, f"{WORK_MS // 1_000} s undisturbed", partial(Bench.pause, for_ms=WORK_MS), starts=True)
 
 
 def margin_cases() -> Iterator[Case]:
@@ -114,10 +116,10 @@ def no_case(group: str, only: str) -> Case:
 
 
 def power_up(bench: Bench) -> Procedure:
-    """Require that the controller writes its outputs, and switches nothing on for 3 s."""
+    """Require that the controller writes its outputs, and switches nothing on."""
     yield from bench.until(lambda: bench.view.is_driven, 60_000, "first write of the outputs")
     bench.forbid("before start was pressed")
-    yield from bench.pause(3_000)
+    yield from bench.pause(REST_MS)
 
 
 def homing(bench: Bench) -> Procedure:
@@ -148,19 +150,22 @@ def home(bench: Bench) -> Procedure:
             bench.findings.figures["homing"] = _seconds_since(bench, begun_ms)
             return
         yield from answer(bench)
-    raise CaseError(f"both arms at feed: not within {bench.limits.home_ms / 1000:g} s of a press of start")
+    limit = f"{bench.limits.home_ms / 1000:g} s of a press of start"
+    raise CaseError(f"both arms at feed: not within {limit}{_silence(bench, pressed_ms)}")
 
 
 def run(bench: Bench) -> Procedure:
     """Press start until the machine works; the first press may home it."""
     bench.forbidden = ""
     for _ in range(4):
-        in_tray = bench.module.plant.counts().in_tray
+        in_tray, pressed_ms = bench.module.plant.counts().in_tray, bench.now_ms
         yield from bench.hold("start", 200)
         if (yield from bench.reached(partial(_picked_since, bench, in_tray), bench.limits.begin_ms)):
+            bench.work.begin()
             return
         yield from answer(bench)
-    raise CaseError(f"no seedling picked within {bench.limits.begin_ms / 1000:g} s of a press of start")
+    limit = f"{bench.limits.begin_ms / 1000:g} s of a press of start"
+    raise CaseError(f"no seedling picked within {limit}{_silence(bench, pressed_ms)}")
 
 
 def one_cycle(bench: Bench) -> Procedure:
@@ -177,49 +182,65 @@ def one_cycle(bench: Bench) -> Procedure:
     bench.findings.figures["first cycle"] = _seconds_since(bench, begun_ms)
 
 
-def trial(bench: Bench, reference_lost: int | None) -> Procedure:
-    """Let the machine work until the seedlings of two trays are gone; judge the losses."""
-    begun_ms = bench.now_ms
-    gone = ("IN_CUP", "LOST_PICK", "LOST_CARRY", "LOST_THROW")
+def trial(bench: Bench) -> Procedure:
+    """Let the machine work until the seedlings of two trays are gone; judge its quantities."""
+    bench.work.begin()
+    plant = bench.module.plant
+    begun_ms, switched = bench.now_ms, bench.view.switched.copy()
     counts: dict[str, int] = {}
 
     def is_done() -> bool:
         if bench.now_ms % 100 == 0:
-            counts.update(dict.fromkeys(gone, 0) | dict(bench.view.counts_of(range(TRIAL_TRAYS))))
-        return sum(counts.get(name, 0) for name in gone) == TRIAL_TRAYS * TRAY_CELLS
+            counts.update(dict.fromkeys(GONE, 0) | dict(bench.view.counts_of(range(TRIAL_TRAYS))))
+        return sum(counts.get(name, 0) for name in GONE) == TRIAL_SEEDLINGS
 
     limit_ms = 12 * bench.limits.cycle_ms
-    yield from bench.until(is_done, limit_ms, f"{TRIAL_TRAYS * TRAY_CELLS} seedlings thrown or lost")
+    yield from bench.until(is_done, limit_ms, f"{TRIAL_SEEDLINGS} seedlings thrown or lost")
     figures = bench.findings.figures
-    for name, label in zip(gone, ("in cups", "P", "D", "T"), strict=True):
+    for name, label in zip(GONE, ("in cups", "P", "D", "T"), strict=True):
         figures[label] = Figure(counts[name])
     figures["trial"] = _seconds_since(bench, begun_ms)
-    figures["missed cups"] = Figure(sum(bench.module.plant.missed_cups.values()))
-    lost = TRIAL_TRAYS * TRAY_CELLS - counts["IN_CUP"]
-    if reference_lost is not None:
-        figures["lost by the reference program"] = Figure(reference_lost)
-        most = most_lost(reference_lost)
-        if lost > most:
-            bench.violate("losses", f"{lost} seedlings lost; {reference_lost} with the reference program, limit {most}")
-
-
-def most_lost(reference_lost: int) -> int:
-    """Return the largest number of lost seedlings that passes: three standard deviations of a Poisson count more."""
-    return round(reference_lost + 3 * math.sqrt(max(1, reference_lost)))
+    lost = TRIAL_SEEDLINGS - counts["IN_CUP"]
+    missed_cups = sum(plant.missed_cups.values())
+    figures["missed cups"] = Figure(missed_cups)
+    bench.trial = TrialQuantities(lost, missed_cups, bench.now_ms - begun_ms, bench.view.switched - switched)
+    if bench.reference is not None:
+        figures["lost by the reference program"] = Figure(bench.reference.lost)
+        for name, text in excesses(bench.trial, bench.reference):
+            bench.violate(name, text)
 
 
 def stop(bench: Bench) -> Procedure:
-    """Press stop while the machine works; require that it comes to rest without letting seedlings fall."""
+    """Press stop while the machine works; require that it finishes the rows it has begun, and then rests."""
     yield from run(bench)
     bench.findings.mark_ms = bench.now_ms
+    rows = bench.view.rows.copy()
     yield from bench.hold("stop", 200)
+    yield from rest_after_stop(bench, rows)
+    yield from rest(bench, "after stop, before start was pressed")
+
+
+def rest_after_stop(bench: Bench, rows: Counter[str]) -> Procedure:
+    """Wait for the rest after a press of stop; each arm may take the row towards which it moves, and no other.
+
+    Args:
+        bench: Bench.
+        rows: `MachineView.rows` at the press.
+    """
     yield from bench.until(lambda: bench.view.quiet_for(AT_REST_MS), 2 * bench.limits.cycle_ms, "rest after stop")
-    bench.forbid("after stop, before start was pressed", resting=bench.view.on)
-    yield from bench.pause(2_000)
+    for side, more in (bench.view.rows - rows).items():
+        if more > 1:
+            bench.violate("late stop", f"the {side} arm took {more} rows after the press of stop; 1 is permitted")
+
+
+def rest(bench: Bench, reason: str, for_ms: int = REST_MS) -> Procedure:
+    """Forbid for a time that an actuator is switched on; those that are on now may stay on."""
+    bench.forbid(reason, resting=bench.view.on)
+    yield from bench.pause(for_ms)
     bench.forbidden = ""
 
 
-def emergency_stop(bench: Bench, situation: OutputSituation, at_ms: int) -> Procedure:
+def emergency_stop(situation: OutputSituation, at_ms: int, bench: Bench) -> Procedure:
     """Press the emergency stop in a situation; require outputs off, no start by itself, and homing afterwards."""
     yield from bench.until(
         lambda: bench.situations.lasts(situation, at_ms), 3 * bench.limits.cycle_ms, f"situation {situation.title}"
@@ -238,7 +259,7 @@ def stop_and_clear(bench: Bench) -> Procedure:
     yield from bench.pause(1_000)
 
 
-def fault_class(bench: Bench, fault: str) -> Procedure:
+def fault_class(fault: str, bench: Bench) -> Procedure:
     """Start a fault while the machine works; require no damage, and work again once it has been repaired.
 
     The machine may stop or go on. If it has not stopped within two cycles, the fault counts as tolerated.
@@ -264,8 +285,9 @@ def margin(bench: Bench) -> Procedure:
     A dead time in both directions has the effect of a scan that is longer by twice this time at most.
     """
     module = bench.module
-    if not isinstance(module, DelayingModule):
+    if not isinstance(module, BenchModule):
         raise NotRunError("the I/O module has no dead time")
+    bench.end_work()
     figures = bench.findings.figures
     tolerated_ms, usual_lost = 0, 0
     try:
@@ -279,7 +301,7 @@ def margin(bench: Bench) -> Procedure:
                 if lost == TRAY_CELLS or bench.findings.violations:
                     raise CaseError("does not transplant 72 seedlings without additional dead time")
             figures[f"lost at {dead_time_ms} ms"] = Figure(lost)
-            if lost > most_lost(usual_lost) or bench.findings.violations:
+            if lost > most(usual_lost) or bench.findings.violations:
                 break
             tolerated_ms = dead_time_ms
     finally:
@@ -311,6 +333,12 @@ def _lost_of_a_tray(bench: Bench) -> Generator[Wait, bool, int]:
     if begin.in_tray - end.in_tray < TRAY_CELLS:
         return TRAY_CELLS
     return sum((end.P - begin.P, end.D - begin.D, end.T - begin.T))
+
+
+def _silence(bench: Bench, pressed_ms: int) -> str:
+    """Return the addition to a message if no actuator has been switched since a press."""
+    silent = bench.view.changed_ms < pressed_ms
+    return "; no output since the press: the controller may wait for an answer" if silent else ""
 
 
 def _seconds_since(bench: Bench, begun_ms: int) -> Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from typing import Final
 
@@ -44,6 +44,9 @@ class MachineView:
         changed_ms: Plant time at which an actuator was last switched, ms.
         moved_ms: Plant time at which a drive last moved, ms.
         flickering: Tags of the actuators that flicker at the last update.
+        switched: Number of times each actuator has been switched on, by tag.
+        rows: Number of times the claws of each arm have taken seedlings, by side.
+        thrown: Number of times the claws of each arm have let go of all their seedlings, by side.
     """
 
     def __init__(self, module: IoModule, *, feed_m: float) -> None:
@@ -60,6 +63,10 @@ class MachineView:
         self._places_m = self._positions_m()
         self.on: frozenset[str] = frozenset()
         self.flickering: frozenset[str] = frozenset()
+        self.switched: Counter[str] = Counter()
+        self.rows: Counter[str] = Counter()
+        self.thrown: Counter[str] = Counter()
+        self._loaded = dict.fromkeys(SIDES, False)
         self._changes_ms: dict[str, deque[int]] = {each.tag: deque(maxlen=FLICKER_CHANGES) for each in self._movers}
         self.now_ms = self.changed_ms = self.moved_ms = module.plant.time_ms
         self.update()
@@ -75,10 +82,19 @@ class MachineView:
             on = frozenset(point.tag for point in self._movers if point.active(image[point.number]))
             if on != self.on:
                 self.flickering = frozenset(filter(self._flickers, on ^ self.on))
+                self.switched.update(on - self.on)
                 self.on, self.changed_ms = on, self.now_ms
+        self._count_rows()
         positions_m = self._positions_m()
         if any(abs(now_m - then_m) > MOVED_M for now_m, then_m in zip(positions_m, self._places_m, strict=True)):
             self._places_m, self.moved_ms = positions_m, self.now_ms
+
+    def _count_rows(self) -> None:
+        for side, was_loaded in self._loaded.items():
+            loaded = self.holds(side)
+            self.rows[side] += loaded and not was_loaded
+            self.thrown[side] += was_loaded and not loaded
+            self._loaded[side] = loaded
 
     def _flickers(self, tag: str) -> bool:
         """Note a change of an actuator now; return True if it flickers."""

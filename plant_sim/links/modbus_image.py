@@ -86,7 +86,7 @@ class ModbusImage(ModbusDevice):
             raise RequestRefusedError(ExcCodes.ILLEGAL_ADDRESS)
         return registers[first : first + count]
 
-    def write_coils(self, first: int, levels: Sequence[bool]) -> None:
+    async def write_coils(self, first: int, levels: Sequence[bool]) -> None:
         """Write outputs and operate buttons."""
         pairs = list(zip(_look_up(self._coils_by_offset, first, len(levels)), levels, strict=True))
         outputs = {coil: level for coil, level in pairs if isinstance(coil, int)}
@@ -132,7 +132,7 @@ class RegisterImage(ModbusImage):
         registers = self._module.registers
         return [registers[number] for number in _look_up(self._registers_by_offset, first, count)]
 
-    def write_registers(self, first: int, values: Sequence[int]) -> None:
+    async def write_registers(self, first: int, values: Sequence[int]) -> None:
         """Write output registers."""
         numbers = _look_up(self._registers_by_offset, first, len(values))
         with self._refusals():

@@ -175,6 +175,7 @@ for name in ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "S
 """Start of a program that loads standard modules and then removes the modules and names that Windows lacks."""
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("package", "arguments", "expected"),
     first_of(

@@ -165,6 +165,7 @@ def test_the_wheel_contains_both_packages_and_nothing_else(distributions: Distri
     assert f"{DIST_INFO}/licenses/LICENSE" in files
 
 
+@pytest.mark.nightly
 def test_the_source_distribution_builds_the_same_wheel(distributions: Distributions) -> None:
     assert contents(distributions.wheel_of_sdist) == contents(distributions.wheel)
     with tarfile.open(distributions.sdist) as archive:

@@ -47,6 +47,7 @@ def path_of_the_guide() -> str:
     return path
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from controller.common.connections import Answered, ConnectionServer
+from controller.common.connections import Answered, ConnectionServer, LateAnswer, begun
 from controller.common.modbus.requests import ModbusDevice, answer
 
 HEADER = struct.Struct(">HHHB")
@@ -44,7 +44,7 @@ class MbapSession:
         self._device.on_disconnect()
 
     def answer(self, received: memoryview) -> Answered:
-        """Answer every complete frame; the data is invalid if a header is not a Modbus TCP header."""
+        """Answer the complete frames; the data is invalid if a header is not a Modbus TCP header."""
         used = requests = 0
         filled = len(received)
         answers: list[bytes] = []
@@ -56,11 +56,17 @@ class MbapSession:
             end = used + UNCOUNTED_BYTES + length
             if end > filled:
                 break
-            pdu = answer(self._device, bytes(received[used + HEADER.size : end]))
-            answers.append(HEADER.pack(transaction, 0, len(pdu) + 1, unit) + pdu)
+            answering = begun(self._answered(transaction, unit, bytes(received[used + HEADER.size : end])))
             requests += 1
             used = end
+            if isinstance(answering, LateAnswer):
+                return Answered(used, b"".join(answers), requests, late=answering)
+            answers.append(answering)
         return Answered(used, b"".join(answers), requests)
+
+    async def _answered(self, transaction: int, unit: int, request: bytes) -> bytes:
+        pdu = await answer(self._device, request)
+        return HEADER.pack(transaction, 0, len(pdu) + 1, unit) + pdu
 
 
 class MbapServer(ConnectionServer):

@@ -8,7 +8,7 @@ sections 6 and 7.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from functools import cache
 from typing import Any, Final, Protocol, TypeVar, runtime_checkable
 
@@ -84,8 +84,8 @@ class Coils(Protocol):
     def read_coils(self, first: int, count: int) -> list[bool]:
         """Return consecutive coils."""
 
-    def write_coils(self, first: int, levels: Sequence[bool]) -> None:
-        """Write consecutive coils, all of them or none."""
+    async def write_coils(self, first: int, levels: Sequence[bool]) -> None:
+        """Write consecutive coils, all of them or none; return when they can be read."""
 
 
 @runtime_checkable
@@ -103,8 +103,8 @@ class HoldingRegisters(Protocol):
     def read_holding(self, first: int, count: int) -> list[int]:
         """Return consecutive registers, unsigned."""
 
-    def write_registers(self, first: int, values: Sequence[int]) -> None:
-        """Write consecutive registers, unsigned, all of them or none."""
+    async def write_registers(self, first: int, values: Sequence[int]) -> None:
+        """Write consecutive registers, unsigned, all of them or none; return when they can be read."""
 
 
 @runtime_checkable
@@ -123,7 +123,7 @@ class Identity(Protocol):
         """Return vendor (0), product code (1) and revision (2)."""
 
 
-def answer(device: ModbusDevice, pdu: bytes) -> bytes:
+async def answer(device: ModbusDevice, pdu: bytes) -> bytes:
     """Execute one request.
 
     Args:
@@ -139,7 +139,7 @@ def answer(device: ModbusDevice, pdu: bytes) -> bytes:
         handler = _handlers(type(device)).get(function_code)  # type: ignore[arg-type]  # a class is hashable
         if handler is None:
             raise RequestRefusedError(ExcCodes.ILLEGAL_FUNCTION)
-        reply = handler(device, body)
+        reply = await handler(device, body)
     except RequestRefusedError as refused:
         return exception_pdu(function_code, refused.code)
     return _encode(reply)
@@ -169,7 +169,7 @@ class _InputRegisters(_Packed, ReadInputRegistersResponse):
     pass
 
 
-Handler = Callable[[Any, bytes], ModbusPDU]
+Handler = Callable[[Any, bytes], Coroutine[Any, None, ModbusPDU]]
 """Function that executes a request; its arguments are a device that supports the request, and the request data."""
 P = TypeVar("P", bound=ModbusPDU)
 
@@ -190,66 +190,66 @@ def _require(condition: bool) -> None:
         raise RequestRefusedError(ExcCodes.ILLEGAL_VALUE)
 
 
-def _read_coils(device: Coils, body: bytes) -> ModbusPDU:
+async def _read_coils(device: Coils, body: bytes) -> ModbusPDU:
     request = _decode(ReadCoilsRequest(), body)
     return ReadCoilsResponse(bits=device.read_coils(request.address, request.count))
 
 
-def _read_inputs(device: DiscreteInputs, body: bytes) -> ModbusPDU:
+async def _read_inputs(device: DiscreteInputs, body: bytes) -> ModbusPDU:
     request = _decode(ReadDiscreteInputsRequest(), body)
     return ReadDiscreteInputsResponse(bits=device.read_inputs(request.address, request.count))
 
 
-def _read_holding(device: HoldingRegisters, body: bytes) -> ModbusPDU:
+async def _read_holding(device: HoldingRegisters, body: bytes) -> ModbusPDU:
     request = _decode(ReadHoldingRegistersRequest(), body)
     return _HoldingRegisters(registers=device.read_holding(request.address, request.count))
 
 
-def _read_input_registers(device: InputRegisters, body: bytes) -> ModbusPDU:
+async def _read_input_registers(device: InputRegisters, body: bytes) -> ModbusPDU:
     request = _decode(ReadInputRegistersRequest(), body)
     return _InputRegisters(registers=device.read_input_registers(request.address, request.count))
 
 
-def _write_coil(device: Coils, body: bytes) -> ModbusPDU:
+async def _write_coil(device: Coils, body: bytes) -> ModbusPDU:
     _require(body[2:4] in SINGLE_COIL_VALUES)
     request = _decode(WriteSingleCoilRequest(), body)
-    device.write_coils(request.address, [bool(request.bits[0])])
+    await device.write_coils(request.address, [bool(request.bits[0])])
     return WriteSingleCoilResponse(address=request.address, bits=request.bits)
 
 
-def _write_register(device: HoldingRegisters, body: bytes) -> ModbusPDU:
+async def _write_register(device: HoldingRegisters, body: bytes) -> ModbusPDU:
     request = _decode(WriteSingleRegisterRequest(), body)
-    device.write_registers(request.address, request.registers)
+    await device.write_registers(request.address, request.registers)
     return WriteSingleRegisterResponse(address=request.address, registers=request.registers)
 
 
-def _write_coils(device: Coils, body: bytes) -> ModbusPDU:
+async def _write_coils(device: Coils, body: bytes) -> ModbusPDU:
     request = _decode(WriteMultipleCoilsRequest(), body, size=None)
     byte_count = (request.count + 7) // 8
     _require(request.count <= MAX_COILS_WRITTEN and request.byte_count == request.data_byte_count == byte_count)
-    device.write_coils(request.address, list(request.bits[: request.count]))
+    await device.write_coils(request.address, list(request.bits[: request.count]))
     return WriteMultipleCoilsResponse(address=request.address, count=request.count)
 
 
-def _write_registers(device: HoldingRegisters, body: bytes) -> ModbusPDU:
+async def _write_registers(device: HoldingRegisters, body: bytes) -> ModbusPDU:
     _require(len(body) >= 5 and len(body) == 5 + body[4] and body[4] == 2 * int.from_bytes(body[2:4]))
     request = _decode(WriteMultipleRegistersRequest(), body, size=None)
     _require(1 <= request.count <= MAX_REGISTERS_WRITTEN)
-    device.write_registers(request.address, request.registers)
+    await device.write_registers(request.address, request.registers)
     return WriteMultipleRegistersResponse(address=request.address, count=request.count)
 
 
-def _write_and_read(device: HoldingRegisters, body: bytes) -> ModbusPDU:
+async def _write_and_read(device: HoldingRegisters, body: bytes) -> ModbusPDU:
     _require(len(body) >= 9 and len(body) == 9 + body[8] and body[8] == 2 * int.from_bytes(body[6:8]))
     request = _decode(ReadWriteMultipleRegistersRequest(), body, size=None)
     _require(1 <= request.write_count <= MAX_REGISTERS_WRITTEN_AND_READ)
     device.read_holding(request.read_address, request.read_count)  # an invalid read must prevent the write
-    device.write_registers(request.write_address, request.write_registers)
+    await device.write_registers(request.write_address, request.write_registers)
     registers = device.read_holding(request.read_address, request.read_count)
     return ReadWriteMultipleRegistersResponse(registers=registers)
 
 
-def _identify(device: Identity, body: bytes) -> ModbusPDU:
+async def _identify(device: Identity, body: bytes) -> ModbusPDU:
     information = device.identity()
     if body[:1] != bytes([READ_IDENTITY]):
         raise RequestRefusedError(ExcCodes.ILLEGAL_FUNCTION)

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from pymodbus.framer import FramerRTU
 
+from controller.common.connections import LateAnswer, begun
 from controller.common.errors import InputError
 from controller.common.modbus.requests import ModbusDevice, answer
 from controller.common.serial_server import SerialServer, open_port
@@ -124,7 +125,7 @@ class RtuServer(SerialServer):
 
     def _discard_incomplete(self) -> None:
         """Treat an incomplete request as noise and process the bytes after it."""
-        while self._buffer:
+        while self._buffer and self._late is None:
             del self._buffer[0]
             self._process_buffer()
 
@@ -135,7 +136,7 @@ class RtuServer(SerialServer):
     def _process_buffer(self) -> None:
         """Serve the requests in the buffer, skip other bytes and leave an incomplete request in the buffer."""
         buffer = self._buffer
-        while buffer:
+        while buffer and self._late is None:
             length = request_length(buffer)
             if buffer[0] not in (self._line.unit, BROADCAST) or (length or 0) > LONGEST_FRAME:
                 del buffer[0]
@@ -155,11 +156,17 @@ class RtuServer(SerialServer):
             self._execute(frame)
 
     def _execute(self, frame: bytes) -> None:
-        unit = frame[0]
-        reply = framed(unit, answer(self._device, frame[1:-2]))
-        # all units execute a broadcast, and their answers would collide
-        if unit != BROADCAST:
+        reply = begun(self._answered(frame))
+        if isinstance(reply, LateAnswer):
+            self._send_later(reply)
+        elif reply:
             self._after(self._line.wire_s(len(reply)) if self._models_wire else 0, lambda: self._send(reply))
+
+    async def _answered(self, frame: bytes) -> bytes:
+        """Return the reply to a request; nothing to a broadcast: all units execute it, and their answers collide."""
+        unit = frame[0]
+        pdu = await answer(self._device, frame[1:-2])
+        return b"" if unit == BROADCAST else framed(unit, pdu)
 
 
 def framed(unit: int, pdu: bytes) -> bytes:

@@ -10,7 +10,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from controller.export.packages.iec import COMMANDS, TEXT, constant_bits, require_levels, safe_levels, size
+from controller.export.packages.first_minutes import first_minutes
+from controller.export.packages.iec import COMMANDS, RETAINED, TEXT, constant_bits, require_levels, safe_levels, size
 from controller.export.packages.package import CONFIRMATION, README, PackageReport, PackageSource, write_files
 from controller.export.packages.plcopen_xml import plcopen_xml
 from controller.export.runtime_parts.inputs import FieldInputs
@@ -42,6 +43,7 @@ _README: Final = """{name}: program for CODESYS 3.5
 
 Supervision: if the scans and the time of the runtime differ by more than 200 ms, alarm S902 aborts the machine.
 
+{minutes}
 {confirmation}
 The file has been checked against the schema of PLCopen. It has not yet been imported into CODESYS.
 
@@ -78,7 +80,8 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
     devices = {(d.kind, d.number): d for d in program.devices()}
     words = {variables.device(word) for word in program.output_words}
     terminals = {variables.device(d) for (kind, _), d in devices.items() if kind == "Y"} | words
-    orders = {variables.device(d) for (kind, n), d in devices.items() if kind == "M" and n in COMMANDS}
+    names_of = {n: variables.device(d) for (kind, n), d in devices.items() if kind == "M" and n in COMMANDS}
+    orders = set(names_of.values())
     every = variables.all()
     lists = {
         TERMINALS: [v for v in every if v.name in terminals or v.name.endswith("_terminal") or v.name == "link_word"],
@@ -97,6 +100,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         orders=ORDERS,
         persistent=PERSISTENT,
         link=_LINK if modbus else "",
+        minutes=first_minutes(source.io_map, RETAINED, lambda number: f"{ORDERS}.{names_of[number]}"),
         confirmation=CONFIRMATION,
         constants=constant_bits(program, link=modbus),
     )

@@ -6,8 +6,10 @@ from pathlib import Path
 from textwrap import fill
 from typing import Final
 
+from controller.common.modbus.io_map import IoMap
 from controller.core.program import Program
 from controller.export.instruction_list import POWER_UP, SUPERVISION, acting, export
+from controller.export.packages.first_minutes import KeptMemory, first_minutes
 from controller.export.packages.package import (
     CONFIRMATION,
     README,
@@ -32,6 +34,14 @@ COMMENTS: Final = "transplanter_comments.csv"
 IL: Final = "transplanter.il"
 """Program as a plain-text instruction list with titles and comments."""
 
+_LATCHED: Final = KeptMemory(
+    first=None,
+    later=3,
+    note="The memory of a new FX2N is zero, and so is one whose battery was empty: the program cannot tell them apart, "
+    "reports no alarm, and takes the pick position for empty. A tray at the sensor X15 is asked about (4 flashes). "
+    "Otherwise X0 feeds a tray without a question: see that none stands between the magazine and the sensor.",
+)
+
 _README: Final = """{name}: program for a MELSEC FX2N
 
 {csv}           program for GX Works2: UTF-16, tab-separated, with step numbers
@@ -51,6 +61,7 @@ Memory: {steps} steps. An FX2N has {most_steps} steps, with a memory cassette {c
 
 {scan_time}
 
+{minutes}
 {confirmation}
 The files have not yet been loaded into GX Works2, nor the program into a real FX2N.
 """
@@ -67,14 +78,14 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
     program = acting(source.program)
     ladder = export(program, source.pulses)
     files = {CSV: write_gx_csv(ladder), COMMENTS: write_gx_comments(ladder), IL: write_il(ladder).encode()}
-    write_files(folder, files | {README: _readme(program, ladder).encode()})
+    write_files(folder, files | {README: _readme(program, ladder, source.io_map).encode()})
     used = usage(ladder)
     fits = used.steps <= MOST_STEPS
     verdict = "fits" if fits else f"does not fit: more than {MOST_STEPS} steps; {remedy_for_steps(used.steps)}"
     return PackageReport((f"FX2N: {used}", *_budget(program, ladder), *_facts(ladder), verdict), fits)
 
 
-def _readme(program: Program, ladder: Ladder) -> str:
+def _readme(program: Program, ladder: Ladder, io_map: IoMap) -> str:
     return _README.format(
         name=program.name,
         csv=CSV,
@@ -85,6 +96,7 @@ def _readme(program: Program, ladder: Ladder) -> str:
             f"{PLC_CHARACTERS} characters of a comment (general knowledge); the project has all of them.",
             120,
         ),
+        minutes=first_minutes(io_map, _LATCHED, lambda _: "device test of GX Works2"),
         confirmation=CONFIRMATION,
         lines=MOST_LINES,
         steps=usage(ladder).steps,

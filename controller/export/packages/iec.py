@@ -6,6 +6,7 @@ from typing import Final
 
 from controller.common.document.rendering import csv_text
 from controller.core.program import Program
+from controller.export.packages.first_minutes import KeptMemory
 from controller.export.packages.package import PackageSource
 from controller.export.runtime_parts.part import CONSTANT_BITS, LINK_LOST, SCAN_MS
 from controller.export.structured_text import ProgramText
@@ -16,6 +17,14 @@ TEXT: Final = "transplanter.st"
 """The program."""
 ADDRESSES: Final = "addresses.csv"
 """Addresses of the variables."""
+
+RETAINED: Final = KeptMemory(
+    first=5,
+    later=3,
+    note="At the first start the memory is lost: alarm S904 until X0 is pressed. Afterwards the runtime retains rows, "
+    "claws and tray. A runtime that does not is asked as at the first start, and about a tray that is seen.",
+)
+"""Memory of a runtime that retains the variables declared so."""
 
 COMMANDS: Final = range(400, 470)
 """Relays that a panel sets; the program resets them."""

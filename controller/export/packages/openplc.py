@@ -19,6 +19,7 @@ from typing import Final
 from controller.common.modbus.io_map import IoMap, OutputRegister, Point
 from controller.core.devices import ANNUNCIATORS
 from controller.core.program import Program
+from controller.export.packages.first_minutes import KeptMemory, first_minutes
 from controller.export.packages.iec import (
     ADDRESSES,
     COMMANDS,
@@ -53,12 +54,21 @@ DEVICE_BITS: Final = 400
 """Bits of all Modbus devices together."""
 COMMAND_BYTE: Final = 200
 """Byte of M400 in %QX; a client sets coil 1600 for M400."""
+COMMAND_COIL: Final = 8 * COMMAND_BYTE - COMMANDS[0]
+"""Coil of M0, if it had one."""
 ALARM_BYTE: Final = 300
 """Byte of S900 in %QX; a client reads coil 2400 for S900."""
 REGISTER: Final = 400
 """Word of D0 in %QW; a client reads holding register 500 for D100."""
 STORAGE_S: Final = 1
 """Period in which the runtime writes its storage, s, as the README of the package demands."""
+
+_LOST: Final = KeptMemory(
+    first=5,
+    later=4,
+    note="After every power-up the memory is lost: alarm S904 until X0 is pressed. Rows are unknown then: the arms "
+    "take every row of a tray that is treated as full, also its empty rows.",
+)
 
 _README: Final = """{name}: program for OpenPLC Runtime v3 (commit bb35f69 or later)
 
@@ -78,6 +88,7 @@ _README: Final = """{name}: program for OpenPLC Runtime v3 (commit bb35f69 or la
 
 Supervision: if the scans and the clocks of the runtime differ by more than 200 ms, alarm S902 aborts the machine{link}.
 
+{minutes}
 {confirmation}
 System bits that are constant on this target:
 {constants}
@@ -194,6 +205,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         wiring=_wiring(places),
         storage_s=STORAGE_S,
         link=", and if the I/O device does not respond for 100 ms, alarm S901" if modbus else "",
+        minutes=first_minutes(source.io_map, _LOST, lambda number: f"coil {COMMAND_COIL + number}"),
         confirmation=CONFIRMATION,
         constants=constant_bits(program, link=modbus),
     )

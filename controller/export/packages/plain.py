@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from controller.export.packages.first_minutes import first_minutes
 from controller.export.packages.iec import (
     ADDRESSES,
+    RETAINED,
     TEXT,
     addresses_csv,
     configuration,
@@ -41,6 +43,7 @@ _README: Final = """{name}: Structured Text of IEC 61131-3 without vendor extens
    use a package for the runtime, or remove the addresses.
 4. The runtime must retain VAR RETAIN. After a loss of this memory, the program reports alarm S904.
 
+{minutes}
 {confirmation}
 System bits that are constant on this target:
 {constants}
@@ -73,6 +76,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         name=program.name,
         text=TEXT,
         addresses=ADDRESSES,
+        minutes=first_minutes(source.io_map, RETAINED, lambda number: address("M", number)),
         confirmation=CONFIRMATION,
         constants=constant_bits(program, link=False),
     )

@@ -1,13 +1,15 @@
 """Access to the devices of the machine's program: reads of all devices, writes of a whitelist.
 
 Reads return the memory at END of the last scan. Only commands, set-points and the writable status registers accept
-writes. A write takes effect in the next scan and is recorded in the audit log. Every other write is refused and changes
-nothing. X and Y are read-only.
+writes. The next scan takes a write whole, and the write returns at the end of this scan; a write that no scan takes is
+withdrawn. What a scan does not take takes effect at once: the speed of simulated time, forced inputs, which are needed
+while no scan takes place, and the name of the operator. Every write is recorded in the audit log. Every other write is
+refused and changes nothing. X and Y are read-only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -21,6 +23,7 @@ from controller.hmi.serving.devices import (
     AccessRefusedError,
     check_bits,
     check_words,
+    taken,
     word_index,
     words_of_counters,
 )
@@ -168,7 +171,9 @@ class MachineSession:
     def on_disconnect(self) -> None:
         """Release the jog and the forced inputs of this partner."""
         if self._jog is not None:
-            self._end_jog()
+            self._note(self._jog.name, "0")
+        for command in self._end_jog():
+            self._state.runtime.order(command)
         if self._state.forcer is self:
             self._state.forcer = None
             forcing = self._state.runtime.forcing
@@ -194,30 +199,34 @@ class MachineSession:
             return self._state.counter_words(snapshot)[start : start + count]
         return [word & 0xFFFF for word in snapshot.words[first.kind][start : start + count]]
 
-    def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
-        """Issue the commands of the bits set to True; False ends a jog."""
+    async def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
+        """Issue the commands of the bits set to True, all in one scan; False ends a jog."""
         commands = self._state.commands
         if any(device.kind != "M" or device.number not in commands for device, _ in levels):
             values = str([int(level) for _, level in levels])
             raise self.refused(str(levels[0][0]), values, _refusal_of([device for device, _ in levels]))
         self._state.snapshot()  # a jog needs the last scan: all commands of a request are refused together
+        orders: list[str] = []
+        changes: list[tuple[str, str]] = []
         for device, level in levels:
-            self._command(commands[device.number], level)
+            self._add_command(commands[device.number], level, orders, changes)
+        if orders:
+            await self._taken(orders, changes)
 
-    def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
+    async def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
         """Change set-points, or execute the request of a writable status register."""
         first = values[0][0]
         numbers = [value for _, value in values]
         try:
             action = self._block(values)
             if action is not None:
-                action(numbers)
+                await action(numbers)
             else:
-                self._change_set_points(values)
+                await self._change_set_points(values)
         except (AlarmRefusalError, PaceError, ForcingError, SetPointError) as error:
             raise self.refused(str(first), str(numbers), AccessRefusal.BAD_VALUE, str(error)) from error
 
-    def set_running(self, *, running: bool) -> None:
+    async def set_running(self, *, running: bool) -> None:
         """Refuse to stop or start the program; the machine has commands for this."""
         raise self.refused(
             "RUN" if running else "STOP", "", AccessRefusal.NOT_SUPPORTED, "remote RUN/STOP is not supported"
@@ -229,12 +238,12 @@ class MachineSession:
         self._note(what, value, f"refused: {why or refusal.value}")
         return AccessRefusedError(refusal)
 
-    def _block(self, values: Sequence[tuple[Device, int]]) -> Callable[[Sequence[int]], None] | None:
+    def _block(self, values: Sequence[tuple[Device, int]]) -> Callable[[Sequence[int]], Awaitable[None]] | None:
         """Return the function of a block of writable status registers; None for other devices."""
         first = values[0][0]
         if [device for device, _ in values] != [Device("R", first.number + index) for index in range(len(values))]:
             return None
-        blocks: dict[tuple[int, int], Callable[[Sequence[int]], None]] = {
+        blocks: dict[tuple[int, int], Callable[[Sequence[int]], Awaitable[None]]] = {
             (status.R_ALARM_ACTION, status.ALARM_ACTION_WORDS): self._act_on_alarm,
             (status.R_NAME, status.NAME_WORDS): self._set_name,
             (status.R_PACE, 1): self._set_pace,
@@ -242,34 +251,34 @@ class MachineSession:
         }
         return blocks.get((first.number, len(values)))
 
-    def _command(self, command: Command, level: bool) -> None:
-        if command.group == "jog" and command.name != JOG_RELEASE:
-            self._set_jog(command, level)
+    def _add_command(self, command: Command, level: bool, orders: list[str], changes: list[tuple[str, str]]) -> None:
+        """Append the command bits to set, and the changes to record in the audit log."""
+        if command.group != "jog" or command.name == JOG_RELEASE:
+            if level:
+                orders.append(command.name)
+                changes.append((command.name, "1"))
         elif level:
-            self._state.runtime.order(command.name)
-            self._note(command.name, "1")
+            if self._jog is not command:
+                self._begin_jog(command)
+                changes.append((command.name, "1"))
+            self._state.jogger = self
+            orders.append(command.name)
+        elif self._jog is command:
+            changes.append((command.name, "0"))
+            orders += self._end_jog()
 
-    def _set_jog(self, command: Command, level: bool) -> None:
-        if not level:
-            if self._jog is command:
-                self._end_jog()
-            return
-        if self._jog is not command:
-            snapshot = self._state.snapshot()
-            self._jog, self._jog_scan = command, snapshot.scans
-            self._previous_jog = snapshot.words["D"][self._state.runtime.machine.tags.machine.jog.number]
-            self._note(command.name, "1")
-        self._state.jogger = self
-        self._state.runtime.order(command.name)
+    def _begin_jog(self, command: Command) -> None:
+        snapshot = self._state.snapshot()
+        self._jog, self._jog_scan = command, snapshot.scans
+        self._previous_jog = snapshot.words["D"][self._state.runtime.machine.tags.machine.jog.number]
 
-    def _end_jog(self) -> None:
-        if self._jog is None:
-            return
-        if self._state.jogger is self:
-            self._state.runtime.order(JOG_RELEASE)
-            self._state.jogger = None
-        self._note(self._jog.name, "0")
+    def _end_jog(self) -> list[str]:
+        """Forget the jog of this partner and return the command that releases it, unless another partner jogs."""
         self._jog = None
+        if self._state.jogger is not self:
+            return []
+        self._state.jogger = None
+        return [JOG_RELEASE]
 
     def _jog_is_active(self, jog: Command) -> bool:
         """Return True unless the jog of this partner has been refused, released or taken over.
@@ -286,40 +295,42 @@ class MachineSession:
         jogged = snapshot.words["D"][tags.machine.jog.number]
         return jogged != 0 and jogged in (1 + names.index(jog.bit), self._previous_jog)
 
-    def _change_set_points(self, values: Sequence[tuple[Device, int]]) -> None:
+    async def _change_set_points(self, values: Sequence[tuple[Device, int]]) -> None:
         state = self._state
         if any(device.kind != "D" or device.number not in state.set_points for device, _ in values):
             numbers = str([value for _, value in values])
             raise self.refused(str(values[0][0]), numbers, _refusal_of([device for device, _ in values]))
         changes = {state.set_points[device.number][0]: str(value) for device, value in values}
-        state.runtime.set_points(changes)
-        for name, value in changes.items():
-            self._note(f"set {name}", value)
+        written = [(f"set {name}", value) for name, value in changes.items()]
+        await self._taken([], written, state.runtime.checked(changes))
 
-    def _act_on_alarm(self, values: Sequence[int]) -> None:
+    async def _act_on_alarm(self, values: Sequence[int]) -> None:
         action, number, minutes = values
         alarms, by = self._state.alarms, self._name or self._peer
-        if action == status.ACKNOWLEDGE:
-            alarms.acknowledge(number or None, by=by)
-            if not number:
-                self._state.runtime.order("acknowledge")
-            self._note("acknowledge", str(number or "all"))
-        elif action == status.SHELVE:
-            alarms.shelve(number, minutes * MINUTE_MS, by=by)
-            self._note("shelve", f"{number} for {minutes} min")
-        elif action == status.UNSHELVE:
-            alarms.unshelve(number, by=by)
-            self._note("unshelve", str(number))
-        else:
+        actions: dict[int, tuple[Callable[[], None], tuple[str, str]]] = {
+            status.ACKNOWLEDGE: (
+                lambda: alarms.acknowledge(number or None, by=by),
+                ("acknowledge", str(number or "all")),
+            ),
+            status.SHELVE: (
+                lambda: alarms.shelve(number, minutes * MINUTE_MS, by=by),
+                ("shelve", f"{number} for {minutes} min"),
+            ),
+            status.UNSHELVE: (lambda: alarms.unshelve(number, by=by), ("unshelve", str(number))),
+        }
+        if action not in actions:
             raise self.refused("alarm action", str(list(values)), AccessRefusal.BAD_VALUE, "no such action")
+        act, change = actions[action]
+        orders = ["acknowledge"] if action == status.ACKNOWLEDGE and not number else []
+        await self._taken(orders, [change], act=act)
 
-    def _set_name(self, values: Sequence[int]) -> None:
+    async def _set_name(self, values: Sequence[int]) -> None:
         text = b"".join(value.to_bytes(2) for value in values).rstrip(b"\0")
         if not all(0x20 <= byte < 0x7F for byte in text):
             raise self.refused("name", "", AccessRefusal.BAD_VALUE, "not ASCII")
         self._name = text.decode("ascii").strip()
 
-    def _set_pace(self, values: Sequence[int]) -> None:
+    async def _set_pace(self, values: Sequence[int]) -> None:
         pace = self._state.source.pace
         if pace is None:
             raise self.refused(
@@ -329,16 +340,43 @@ class MachineSession:
         self._state.invalidate_status_words()
         self._note("pace", str(values[0]))
 
-    def _force(self, values: Sequence[int]) -> None:
+    async def _force(self, values: Sequence[int]) -> None:
         number, level = values
         if level > status.RELEASE_FORCE:
             raise self.refused(
                 "force", str(list(values)), AccessRefusal.BAD_VALUE, "must be 0 or 1, or 2 to end forcing"
             )
         self._state.runtime.forcing.force(number, None if level == status.RELEASE_FORCE else bool(level))
+        self._state.invalidate_status_words()
         if level != status.RELEASE_FORCE:
             self._state.forcer = self
         self._note(f"force X{number:o}", "released" if level == status.RELEASE_FORCE else str(level))
+
+    async def _taken(
+        self,
+        orders: Sequence[str],
+        changes: Sequence[tuple[str, str]],
+        words: Sequence[tuple[Word, int]] = (),
+        act: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Have a scan take a write, wait for its end and record the changes.
+
+        Args:
+            orders: Commands to issue.
+            changes: Changes to record in the audit log.
+            words: Set-points to write.
+            act: Function called first, in the same scan; if it raises, nothing is changed.
+        """
+        runtime = self._state.runtime
+        bits = [(runtime.machine.tags.commands[order], 1) for order in orders]
+        try:
+            await taken(runtime.submit([*bits, *words], act))
+        except AccessRefusedError as error:
+            if orders:
+                self._end_jog()  # a jog that was not pressed must not be renewed
+            raise self.refused(*(changes or [(orders[0], "1")])[0], error.refusal) from error
+        for change in changes:
+            self._note(*change)
 
     def _note(self, what: str, value: str, result: str = "done") -> None:
         self._state.audit(self._peer, self._name, what, value, result)

@@ -1,7 +1,7 @@
 """Server of the controller for operator panels and other tools, in a separate thread.
 
 The protocols have no passwords, so by default the server listens on the local computer only. Clients never delay the
-scan: reads return a copy of the memory, writes are queued for the next scan.
+scan: reads return a copy of the memory, writes are queued for the next scan and answered at its end.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class HmiServer(DeviceServer):
             endpoints.append(self.modbus)
         if options.serial is not None:
             endpoints.append(modbus_rtu(self.access, self.identity, options.serial))
-        super().__init__([*endpoints, *further(self.access)], self.access.start_minute)
+        super().__init__([*endpoints, *further(self.access)], runtime.writes, self.access.start_minute)
         runtime.observers.append(snapshots)
 
     @property

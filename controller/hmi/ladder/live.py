@@ -2,13 +2,12 @@
 
 As in a simulator of the programming tool, all devices are writable. A written X is the level of the input terminal
 until it is written again; the input filter applies. A Y, M, S, T or C that the program drives keeps a written value
-only until the program drives it again. Writes take effect at the start of the next scan, reads return the memory at END
-of the last.
+only until the program drives it again. Writes take effect at the start of the next scan and return at its end, reads
+return the memory at END of the last.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -21,16 +20,16 @@ from controller.hmi.serving.devices import (
     AccessRefusedError,
     check_bits,
     check_words,
+    taken,
     word_index,
     words_of_counters,
 )
 from controller.hmi.serving.snapshot import Snapshot, snapshot_of
 from controller.io.pace import Pace
+from controller.io.scan_writes import ScanWrites
 
 _SIGN_16: Final = 0x8000
 _SIGN_32: Final = 0x8000_0000
-MAX_WRITES: Final = 1_000
-"""Number of writes per scan above which further ones are refused, so that a partner cannot fill the memory."""
 _STOPPED: Final = (False, True, False, True)
 """M8000-M8003 of a PLC in STOP: a real one answers 0Ah there (bomingfeng/Fx2N, doc: recordings of GPPW)."""
 
@@ -41,6 +40,7 @@ class LivePlc:
     Attributes:
         plc: Simulated PLC.
         latest: Memory after the last scan; None before the first.
+        writes: Writes of all partners.
     """
 
     def __init__(self, plc: FxPlc) -> None:
@@ -53,7 +53,7 @@ class LivePlc:
         self.latest: Snapshot | None = None
         self._levels = [False] * SIZES["X"]
         self._scanned_ms = 0
-        self._writes: deque[Callable[[], None]] = deque()
+        self.writes = ScanWrites()
 
     def session(self, _peer: str) -> LiveSession:
         """Return the access of a new communication partner."""
@@ -70,23 +70,13 @@ class LivePlc:
                 self.plc.sample(at_ms, self._levels)
         self._scanned_ms = now_ms
         self.plc.cpu.now_ms = now_ms  # timer values written now must refer to this scan
-        while self._writes:
-            self._writes.popleft()()
+        self.writes.take()
         self.plc.scan(now_ms, self._levels)
         latest = snapshot_of(self.plc.memory, now_ms, self.plc.scans)
         if not self.plc.running:
             latest.bits["M"][RUN_MONITOR : RUN_MONITOR + len(_STOPPED)] = _STOPPED
         self.latest = latest
-
-    def write(self, action: Callable[[], None]) -> None:
-        """Call a function at the start of the next scan; thread-safe.
-
-        Raises:
-            AccessRefusedError: Too many writes wait for the next scan.
-        """
-        if len(self._writes) >= MAX_WRITES:
-            raise AccessRefusedError(AccessRefusal.NOT_READY)
-        self._writes.append(action)
+        self.writes.settle()
 
     def put_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
         """Write bits now; X at the terminals."""
@@ -142,22 +132,22 @@ class LiveSession:
             words, start = words_of_counters(words), word_index(start)
         return [word & 0xFFFF for word in words[start : start + count]]
 
-    def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
+    async def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
         """Write bits in the next scan."""
         for device, _ in levels:
             check_bits(device, 1, self._cpu)
-        self._live.write(lambda: self._live.put_bits(levels))
+        await taken(self._live.writes.submit(lambda: self._live.put_bits(levels)))
 
-    def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
+    async def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
         """Write words in the next scan."""
         signed = []
         for device, value in values:
             check_words(device, 1, cpu=self._cpu)
             is_long = device.kind == "CN" and device.number >= FIRST_32_BIT_COUNTER
             signed.append((device, _signed(value, _SIGN_32 if is_long else _SIGN_16)))
-        self._live.write(lambda: self._live.put_words(signed))
+        await taken(self._live.writes.submit(lambda: self._live.put_words(signed)))
 
-    def set_running(self, *, running: bool) -> None:
+    async def set_running(self, *, running: bool) -> None:
         """Put the PLC into RUN or STOP before the next scan; RUN also ends a stop by an error."""
         plc = self._live.plc
 
@@ -167,7 +157,7 @@ class LiveSession:
             elif plc.running and not running:
                 plc.stop()
 
-        self._live.write(change)
+        await taken(self._live.writes.submit(change))
 
     def refused(self, _what: str, _value: str, refusal: AccessRefusal) -> AccessRefusedError:
         """Return the error of a refused write; there is no audit log."""

@@ -37,7 +37,7 @@ BitPairs = list[tuple[Device, bool]]
 WordPairs = list[tuple[Device, int]]
 
 
-def execute(access: DeviceAccess, request: Request, model: TypeName) -> Reply:
+async def execute(access: DeviceAccess, request: Request, model: TypeName) -> Reply:
     """Execute a request and return its reply.
 
     Args:
@@ -57,9 +57,9 @@ def execute(access: DeviceAccess, request: Request, model: TypeName) -> Reply:
         case ReadTypeName():
             reply = model
         case RemoteRun() | RemoteStop():
-            access.set_running(running=isinstance(request, RemoteRun))
+            await access.set_running(running=isinstance(request, RemoteRun))
         case _:
-            _write(access, request)
+            await _write(access, request)
     return reply
 
 
@@ -84,16 +84,16 @@ def _words(access: DeviceAccess, first: Device, count: int) -> tuple[int, ...]:
     return tuple(access.read_words(_own(first), count))
 
 
-def _write(access: DeviceAccess, request: Request) -> None:
+async def _write(access: DeviceAccess, request: Request) -> None:
     """Write all bits and words of a request, or none."""
     try:
         bits, words = _written(request)
     except AccessRefusedError as error:
         raise access.refused(type(request).__name__, "", error.refusal) from error
     if bits:
-        access.write_bits(bits)
+        await access.write_bits(bits)
     else:
-        access.write_words(words)
+        await access.write_words(words)
 
 
 def _written(request: Request) -> tuple[BitPairs, WordPairs]:

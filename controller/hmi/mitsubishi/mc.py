@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from controller.common.connections import RECEIVE_BYTES, Answered
+from controller.common.connections import RECEIVE_BYTES, Answered, LateAnswer, begun
 from controller.common.mitsubishi import commands_3e, mc1e
 from controller.common.mitsubishi.mc1e import Abnormal1EError, Frame1E
 from controller.common.mitsubishi.mc3e import Frame3E
@@ -70,7 +70,7 @@ class McSession:
         self._access.on_disconnect()
 
     def answer(self, received: memoryview) -> Answered:
-        """Answer every complete frame; data that is not a frame is invalid."""
+        """Answer the complete frames; data that is not a frame is invalid."""
         used = requests = 0
         answers: list[bytes] = []
         while used < len(received):
@@ -83,16 +83,19 @@ class McSession:
             if length is None or length > len(data):
                 is_too_long = length is not None and length > RECEIVE_BYTES
                 return Answered(used, b"".join(answers), requests, is_valid=not is_too_long)
-            answers.append(self._answer(frame, data[:length]))
+            answer = begun(self._answer(frame, data[:length]))
             requests += 1
             used += length
+            if isinstance(answer, LateAnswer):
+                return Answered(used, b"".join(answers), requests, late=answer)
+            answers.append(answer)
         return Answered(used, b"".join(answers), requests)
 
-    def _answer(self, frame: Frame1E | Frame3E, data: bytes) -> bytes:
+    async def _answer(self, frame: Frame1E | Frame3E, data: bytes) -> bytes:
         self._access.on_request()
         try:
             request = frame.decode_request(data)
-            return frame.encode_reply(request, execute(self._access, request, self._model))
+            return frame.encode_reply(request, await execute(self._access, request, self._model))
         except RequestError as error:
             return frame.encode_error(data, error)
         except AccessRefusedError as error:

@@ -26,14 +26,22 @@ class PortLine(SerialServer):
         """
         super().__init__(path, GAP_S)
         self._session = session
+        self._early = bytearray()
+        """Data received while an answer is late."""
 
     def _open(self) -> Any:
         return open_port(self.path, BAUD, data_bits=7, parity="E", stop_bits=1)
 
     def _feed(self, data: bytes) -> None:
-        answers = self._session.feed(data)
+        if self._late is not None:
+            self._early += data
+            return
+        answers, late = self._session.feed(bytes(self._early) + data)
+        self._early.clear()
         if answers:
             self._send(answers)
+        if late is not None:
+            self._send_later(late)
 
     @property
     def _is_waiting(self) -> bool:
@@ -43,6 +51,7 @@ class PortLine(SerialServer):
         self._session.discard()
 
     def _on_disconnect(self) -> None:
+        self._early.clear()
         self._session.discard()
         self._session.on_disconnect()
 

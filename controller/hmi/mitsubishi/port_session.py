@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from controller.common.connections import LateAnswer, begun
 from controller.common.mitsubishi.devices import Device
 from controller.common.mitsubishi.fx_port import (
     ACK,
@@ -87,8 +88,12 @@ class PortSession:
         """True while a frame is incomplete."""
         return bool(self._received)
 
-    def feed(self, data: bytes) -> bytes:
-        """Accept received data and return the answers; data outside of frames other than ENQ is ignored."""
+    def feed(self, data: bytes) -> tuple[bytes, LateAnswer | None]:
+        """Accept received data; data outside of frames other than ENQ is ignored.
+
+        Returns:
+            The answers, and the answer to the last request if it has to wait; the requests after it wait for it.
+        """
         self._received += data
         answers = b""
         while self._received:
@@ -108,18 +113,21 @@ class PortSession:
             else:
                 frame = bytes(self._received[:length])
                 del self._received[:length]
-                answers += self._answer(frame)
-        return answers
+                answer = begun(self._answer(frame))
+                if isinstance(answer, LateAnswer):
+                    return answers, answer
+                answers += answer
+        return answers, None
 
-    def _answer(self, frame: bytes) -> bytes:
+    async def _answer(self, frame: bytes) -> bytes:
         try:
             request = decode_request(frame)
             self._access.on_request()  # a damaged frame, which may be noise, renews no jog
-            return self._execute(request)
+            return await self._execute(request)
         except (FrameError, AccessRefusedError):
             return NAK
 
-    def _execute(self, request: PortRequest) -> bytes:
+    async def _execute(self, request: PortRequest) -> bytes:
         match request:
             case ReadMemory("extended", address, count) if address == _VALUES:
                 return encode_bytes(self._watched()[:count].ljust(count, b"\0"))
@@ -133,12 +141,12 @@ class PortSession:
                 start = address - _WATCH_LIST
                 self._watch_list[start : start + len(data)] = data
             case WriteMemory(space, address, data):
-                self._write(space, address, data)
+                await self._write(space, address, data)
             case ForceBit(space, number, level):
                 device = bit_device(space, number)
                 if device is None:
                     raise self._access.refused(f"{space} bit {number:04X}h", str(int(level)), AccessRefusal.NO_DEVICE)
-                self._access.write_bits([(device, level)])
+                await self._access.write_bits([(device, level)])
             case OtherCommand():
                 raise AccessRefusedError(AccessRefusal.NOT_SUPPORTED)
         return ACK
@@ -182,7 +190,7 @@ class PortSession:
             words = [_IDENTITY.get(first.number + index + place, word) for place, word in enumerate(words)]
         return b"".join(word.to_bytes(2, "little") for word in words)[skipped : skipped + count]
 
-    def _write(self, space: Space, address: int, data: bytes) -> None:
+    async def _write(self, space: Space, address: int, data: bytes) -> None:
         """Write consecutive devices of one region; parts of words are refused."""
         region = region_of(space, address)
         where, content = f"{space} address {address:04X}h", data.hex(" ")
@@ -192,7 +200,7 @@ class PortSession:
         if region.bits == 1:
             number = int.from_bytes(data, "little")
             start = first.number + 8 * offset
-            self._access.write_bits(
+            await self._access.write_bits(
                 [(Device(first.kind, start + bit), bool(number >> bit & 1)) for bit in range(8 * len(data))]
             )
             return
@@ -201,7 +209,9 @@ class PortSession:
             raise self._access.refused(where, content, AccessRefusal.BAD_VALUE)
         start = first.number + offset // size
         values = [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
-        self._access.write_words([(Device(first.kind, start + index), value) for index, value in enumerate(values)])
+        await self._access.write_words(
+            [(Device(first.kind, start + index), value) for index, value in enumerate(values)]
+        )
 
     def _watched(self) -> bytes:
         """Return the current values of the watch list: its words, then its bits, 8 per byte.

@@ -1,6 +1,7 @@
 """Modbus session of one client: translation of Modbus addresses into devices, and of refusals into exceptions.
 
-A refused device is answered with exception 02, an invalid value with 03, and a request before the first scan with 06.
+A refused device is answered with exception 02, an invalid value with 03, and a request before the first scan, or a
+write that no scan takes, with 06.
 """
 
 from __future__ import annotations
@@ -79,15 +80,15 @@ class HmiSession(ModbusDevice):
         """Return input registers of the last scan; identical to the holding registers."""
         return self.read_holding(first, count)
 
-    def write_coils(self, first: int, levels: Sequence[bool]) -> None:
+    async def write_coils(self, first: int, levels: Sequence[bool]) -> None:
         """Write consecutive bits."""
         with _translated():
-            self._access.write_bits([(_bit(first + index), level) for index, level in enumerate(levels)])
+            await self._access.write_bits([(_bit(first + index), level) for index, level in enumerate(levels)])
 
-    def write_registers(self, first: int, values: Sequence[int]) -> None:
+    async def write_registers(self, first: int, values: Sequence[int]) -> None:
         """Write consecutive words."""
         with _translated():
-            self._access.write_words(_word_values(first, values))
+            await self._access.write_words(_word_values(first, values))
 
     def identity(self) -> dict[int, str]:
         """Return the vendor, the product and the revision."""

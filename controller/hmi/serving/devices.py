@@ -13,6 +13,7 @@ from typing import Final, Protocol
 
 from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
 from controller.fx.language.cpu_model import FX2N, CpuModel
+from controller.io.scan_writes import NoScanError, ScanWrite
 
 BIT_KINDS: Final = frozenset("XYMSTC")
 WORD_KINDS: Final = frozenset({"D", "R", "TN", "CN"})
@@ -22,7 +23,7 @@ _DEVICE_OF_WORD: Final = {"D": "D", "TN": "T", "CN": "C"}
 class AccessRefusal(Enum):
     """Reason for which a request is refused."""
 
-    NOT_READY = "no scan has been completed yet, or too many writes wait for the next one"
+    NOT_READY = "no scan takes place"
     NO_DEVICE = "no such device"
     NOT_WRITABLE = "not writable"
     BAD_VALUE = "invalid value"
@@ -44,7 +45,8 @@ class AccessRefusedError(Exception):
 class DeviceAccess(Protocol):
     """Devices of a PLC as one communication partner may read and write them.
 
-    All methods except `on_request` and `on_disconnect` raise `AccessRefusedError`.
+    All methods except `on_request` and `on_disconnect` raise `AccessRefusedError`. A write returns at the end of the
+    scan that took it whole, so that a read after it sees it. Without a scan it is withdrawn and refused as `NOT_READY`.
     """
 
     @property
@@ -67,13 +69,13 @@ class DeviceAccess(Protocol):
     def read_words(self, first: Device, count: int) -> list[int]:
         """Return consecutive words (D R TN CN), unsigned; the value of a 32-bit counter has two, low word first."""
 
-    def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
+    async def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
         """Write bits, all of them or none."""
 
-    def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
+    async def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
         """Write unsigned words, all of them or none; a 32-bit counter takes one value of 32 bits."""
 
-    def set_running(self, *, running: bool) -> None:
+    async def set_running(self, *, running: bool) -> None:
         """Put the PLC into RUN or STOP."""
 
     def refused(self, what: str, value: str, refusal: AccessRefusal) -> AccessRefusedError:
@@ -89,6 +91,18 @@ class AccessSource(Protocol):
         Args:
             peer: Address of the partner, for the audit log.
         """
+
+
+async def taken(write: ScanWrite) -> None:
+    """Wait for the end of the scan that takes a write.
+
+    Raises:
+        AccessRefusedError: No scan took it; it has been withdrawn.
+    """
+    try:
+        await write
+    except NoScanError as error:
+        raise AccessRefusedError(AccessRefusal.NOT_READY) from error
 
 
 def check_bits(first: Device, count: int, cpu: CpuModel = FX2N) -> None:

@@ -13,6 +13,7 @@ from typing import Final, Self
 from controller.common.supervision.tasks import run_supervised, supervised_task
 from controller.common.supervision.threads import supervised
 from controller.hmi.serving.endpoints import Endpoint, ServerError
+from controller.io.scan_writes import ScanWrites
 
 REPORT_EVERY_S: Final = 60.0
 """Period of the client error report, s."""
@@ -23,14 +24,18 @@ _log = logging.getLogger(__name__)
 class DeviceServer:
     """Thread that serves between `__enter__` and `__exit__`."""
 
-    def __init__(self, endpoints: Sequence[Endpoint], every_minute: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, endpoints: Sequence[Endpoint], writes: ScanWrites, every_minute: Callable[[], None] = lambda: None
+    ) -> None:
         """Initialise without a thread.
 
         Args:
             endpoints: TCP ports and serial lines.
+            writes: Writes of their partners.
             every_minute: Function called once a minute in the thread of the server.
         """
         self._endpoints = tuple(endpoints)
+        self._writes = writes
         self._every_minute = every_minute
         self._thread = supervised("device server", self._run)
         self._started = threading.Event()
@@ -91,6 +96,8 @@ class DeviceServer:
             await self._ended.wait()
         finally:
             reporter.cancel()
+            self._writes.withdraw_all()
+            await asyncio.sleep(0)  # their partners are told
             for endpoint in self._endpoints:
                 await endpoint.stop()
 

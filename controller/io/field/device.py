@@ -54,6 +54,8 @@ class FieldDevice:
         lends: True if it lends its outputs to one client and reports the owner.
         watchdog_ms: Time of its output watchdog, ms; None = unknown.
         had_gap: True if its output watchdog may have tripped between two writes that it has confirmed.
+        model: Values of the registers in which it has reported its model first; empty if it has not.
+        waited_s: Total time that scans have waited for its answers, s.
         inputs: Blocks of X points.
         outputs: Blocks of Y points.
         registers: First offset and D numbers of each run of output registers.
@@ -73,6 +75,8 @@ class FieldDevice:
         self.tripped = self.lends = self.had_gap = False
         self.watchdog_ms = plan.watchdog_ms
         self.error = ""
+        self.model: tuple[int, ...] = ()
+        self.waited_s = 0.0
         self.inputs = blocks_of("X", plan.inputs, plan.traits)
         self.outputs = blocks_of("Y", plan.outputs, plan.traits)
         self.registers = register_runs(plan.registers)
@@ -107,14 +111,17 @@ class FieldDevice:
         return f"{self.plan.name} ({self.line.address})" if self.plan.name else f"at {self.line.address}"
 
     def open(self) -> Steps:
-        """Prepare the device on its open line: no earlier answer can follow; trip noted; settings compared and written.
+        """Prepare the device on its open line.
+
+        No earlier answer can follow; the model is compared; a trip is noted; the settings are compared and written.
 
         Raises:
-            LinkError: The device does not answer, or refuses a setting.
+            LinkError: The device does not answer, reports another model, or refuses a setting.
         """
         self.close()
         if not self.line.sequenced and self.plan.echo:
             yield from self._synchronise()
+        yield from self._compare_model()
         yield from self.note_trip()
         if not self.tripped:
             yield from self._prepare()
@@ -259,6 +266,7 @@ class FieldDevice:
         Raises:
             LinkError: The exchange has failed; the device is closed.
         """
+        self.waited_s += each.took_s
         if each.data is not None:
             return each.data
         error = self.failed(each.request.operation, each.error)
@@ -281,6 +289,29 @@ class FieldDevice:
         yield each
         if each.refusal != ILLEGAL_FUNCTION:
             self.checked(each)
+
+    def _compare_model(self) -> Steps:
+        """Compare the model that the device reports with the profile, the field file, and its first report.
+
+        A device that refuses the registers reports nothing. That is a fault if its model is known.
+
+        Raises:
+            LinkError: The device does not answer, or is another one.
+        """
+        area = self.plan.traits.reports
+        if area is None:
+            return
+        each = self._exchange(read(ModbusTable(area.table), area.first, area.count, "model"))
+        yield each
+        known = max(tuple(area.begins), self.plan.model, self.model, key=len)
+        if each.refusal and not known:
+            return
+        found = tuple(unpacked(self.checked(each)))
+        for expected in (tuple(area.begins), self.plan.model, self.model):
+            if found[: len(expected)] != expected:
+                text = f"reports {_values(found)} instead of {_values(expected)}"
+                raise self.failed("model", f"{text}; connect the module of the field file, or change its entry")
+        self.model = found
 
     def _prepare(self) -> Steps:
         """Compare and write the settings, and start the watchdog.
@@ -321,3 +352,7 @@ class FieldDevice:
 
     def _exchange(self, request: ModbusRequest) -> Exchange:
         return Exchange(self.line, self.plan.unit, self.plan.timeout_ms / 1_000, request)
+
+
+def _values(values: Sequence[int]) -> str:
+    return " ".join(map(str, values))

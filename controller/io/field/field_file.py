@@ -52,6 +52,7 @@ class DevicePlan:
         poll_every: Number of scans from one exchange to the next.
         watchdog_ms: Time of the output watchdog of the module, ms; None = not stated.
         echo: True if an RTU device answers function 8, be it with an exception.
+        model: Values with which the report of its model must begin.
         file_line: Line of the entry in the field file, from 1; 0 if there is none.
     """
 
@@ -66,6 +67,7 @@ class DevicePlan:
     poll_every: int = 1
     watchdog_ms: int | None = None
     echo: bool = True
+    model: tuple[int, ...] = ()
     file_line: int = 0
 
     @property
@@ -221,6 +223,7 @@ class _FieldReader:
             poll_every=device.poll_every,
             watchdog_ms=device.watchdog_ms,
             echo=device.echo,
+            model=tuple(device.model),
             file_line=self._located.line_of(path),
         )
         for point, offset in wires:
@@ -282,6 +285,9 @@ class _FieldReader:
             self._fault(
                 path, "trip and reset are missing; write the flag of the safe mode and the register that clears it"
             )
+        if len(device.model) > (0 if traits.reports is None else traits.reports.count):
+            text = f"the module reports {0 if traits.reports is None else traits.reports.count} registers of its model"
+            self._fault((*path, "model"), f"{text}; delete values, or write reports: with the registers of the module")
         for number, setting in enumerate(device.settings or ()):
             if (setting.value is None) == (setting.watchdog_unit_ms is None):
                 self._fault((*path, "settings", number), "write one of value and watchdog_unit_ms")

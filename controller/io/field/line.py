@@ -96,6 +96,7 @@ class Exchange:
         data: Data of the answer; None if there is no valid answer.
         error: Reason for which there is no valid answer; empty = none.
         refusal: Code of an exception response; 0 = none.
+        took_s: Time from the request to its complete answer or to its failure, s; zero before.
     """
 
     line: BusLine
@@ -105,6 +106,7 @@ class Exchange:
     data: bytes | None = None
     error: str = ""
     refusal: int = 0
+    took_s: float = 0.0
     _deadline_s: float | None = None
 
     def advance(self, now_s: float) -> bool:
@@ -127,7 +129,10 @@ class Exchange:
         # after the data has been read: an answer that has arrived counts, even if this process looks late
         if self._deadline_s is not None and now_s >= self._deadline_s and self.data is None and not self.error:
             self._failed(f"no valid answer within {round(self.timeout_s * 1_000)} ms")
-        return self.data is not None or bool(self.error)
+        is_done = self.data is not None or bool(self.error)
+        if is_done and self._deadline_s is not None:
+            self.took_s = now_s - self._deadline_s + self.timeout_s
+        return is_done
 
     @property
     def is_sent(self) -> bool:

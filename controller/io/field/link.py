@@ -69,6 +69,11 @@ class DevicesLink:
         return tuple(device.label for device in self.devices if device.tripped)
 
     @property
+    def waits(self) -> tuple[tuple[str, str, float], ...]:
+        """Label of each device, address of its line, and total time that scans have waited for its answers, s."""
+        return tuple((each.label, each.line.address, each.waited_s) for each in self.devices)
+
+    @property
     def gaps(self) -> tuple[str, ...]:
         """Labels of the devices whose output watchdog may have tripped between two writes that they have confirmed."""
         return tuple(device.label for device in self.devices if device.had_gap)

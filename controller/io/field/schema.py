@@ -68,6 +68,15 @@ class TripEntry(StrictModel):
     counter: bool = Field(default=False, description="write true or false")
 
 
+class ModelArea(StrictModel):
+    """Registers in which the module reports its model, and the values with which every model of a profile begins."""
+
+    table: Literal["holding_register", "input_register"] = Field(description="write holding_register or input_register")
+    first: Word16 = Field(description=_REMEDY)
+    count: int = Field(default=1, ge=1, le=16, description="write a number of registers, 1 to 16")
+    begins: list[Word16] = Field(default=[], max_length=16, description="write a list of register values")
+
+
 class ModuleTraits(StrictModel):
     """Properties of a module that a profile defines and a device may replace."""
 
@@ -78,6 +87,7 @@ class ModuleTraits(StrictModel):
     combined: bool | None = Field(default=None, description="write true or false")
     locked: bool | None = Field(default=None, description="write true or false")
     watchdog: _Watchdog | None = Field(default=None, description=_WATCHDOG)
+    reports: ModelArea | None = Field(default=None, description="write {table: holding_register, first: 0}")
     settings: list[SettingEntry] | None = Field(default=None, description="write a list of {offset: 0, value: 0}")
     start: list[WriteEntry] | None = Field(default=None, description="write a list of {table: coil, offset: 0}")
     trip: TripEntry | None = Field(default=None, description="write {table: coil, offset: 0, value: 1}")
@@ -144,6 +154,9 @@ class DeviceEntry(ModuleTraits):
     poll_every: int = Field(default=1, ge=1, le=100, description="write a number of scans, 1 to 100")
     watchdog_ms: int | None = Field(default=None, ge=10, le=60_000, description="write 10 to 60000")
     echo: bool = Field(default=True, description="write true or false")
+    model: list[Word16] = Field(
+        default=[], max_length=16, description="write a list of the register values that the module reports"
+    )
     wires: dict[str, Word16] = Field(description="write 'tag: offset', one wire per line")
 
 

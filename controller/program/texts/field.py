@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 from controller.program.texts.operator import Text
 
-FieldChange = Literal["lost", "back", "tripped", "reset", "gap"]
+FieldChange = Literal["lost", "back", "tripped", "reset", "gap", "slow", "prompt"]
 
 FIELD_CHANGES: Final[dict[FieldChange, Text]] = {
     "lost": Text("field device {device} lost; all outputs off", "现场设备 {device} 通信中断，全部输出已切断"),
@@ -20,6 +20,8 @@ FIELD_CHANGES: Final[dict[FieldChange, Text]] = {
         "field device {device} was not written within the time of its output watchdog; all outputs off",
         "现场设备 {device} 未在其输出看门狗时间内被写入，全部输出已切断",
     ),
+    "slow": Text("field device {device} answers too slowly; scans are late", "现场设备 {device} 应答过慢，扫描延迟"),
+    "prompt": Text("field device {device} answers in time again", "现场设备 {device} 应答恢复正常"),
 }
 NAMED: Final = Text("{message}: {devices}", "{message}：{devices}")
 """Message of the alarm of the field link with the names of the devices."""

@@ -108,18 +108,22 @@ def start(folder: Path, expected: int) -> None:
         assert main(["run", "--retain", str(folder / "r.json"), "--hmi-port", "0", "--no-console"], stop) == expected
 
 
+def written(folder: Path, name: str, write: Callable[[Path], object], reason: str) -> tuple[Path, bytes, str]:
+    """Write a file that cannot be used, and return it with its content and the reason."""
+    path = folder / name
+    write(path)
+    return path, path.read_bytes(), reason
+
+
 @pytest.mark.parametrize("case", SETS_ASIDE)
 def test_a_file_that_cannot_be_used_is_renamed_with_one_line_and_the_start_goes_on(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
-    name, write, reason = SETS_ASIDE[case]
-    path = tmp_path / name
-    write(path)
-    before = path.read_bytes()
+    path, before, reason = written(tmp_path, *SETS_ASIDE[case])
     start(tmp_path, expected=0)
     (line,) = [*capsys.readouterr().err.splitlines(), *caplog.messages]
     assert line.startswith(f"{path}: {reason}; renamed to {path}.damaged-1")
-    assert path.with_name(f"{name}.damaged-1").read_bytes() == before
+    assert path.with_name(f"{path.name}.damaged-1").read_bytes() == before
     start(tmp_path, expected=0)
     assert [capsys.readouterr().err, *caplog.messages[1:]] == [""], "the next start finds sound files"
 
@@ -128,10 +132,7 @@ def test_a_file_that_cannot_be_used_is_renamed_with_one_line_and_the_start_goes_
 def test_a_file_of_a_newer_program_ends_the_start_and_is_not_changed(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    name, write, reason = REFUSED[case]
-    path = tmp_path / name
-    write(path)
-    before = path.read_bytes()
+    path, before, reason = written(tmp_path, *REFUSED[case])
     start(tmp_path, expected=2)
     (line,) = capsys.readouterr().err.splitlines()
     assert f"{path}: {reason}; use the program version that wrote the file" in line

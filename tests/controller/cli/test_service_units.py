@@ -90,6 +90,7 @@ def test_a_manager_that_has_gone_does_not_disturb_the_scan(tmp_path: Path) -> No
     ServiceManager({}).alive(0)
 
 
+@pytest.mark.nightly
 def test_a_restarted_controller_waits_in_stopped_with_its_outputs_safe(tmp_path: Path) -> None:
     """As after a restart by systemd: the controller is killed while an arm moves, and started with the same memory."""
     options = ["--retain", str(tmp_path / "r.json"), "--no-hmi", "--no-console", "--events", "json"]

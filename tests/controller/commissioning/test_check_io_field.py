@@ -134,6 +134,7 @@ def test_a_lost_device_leaves_no_output_on_at_the_others(lost: int, stack: ExitS
     assert "End of the check: field I/O lost" in rig.report()
 
 
+@pytest.mark.nightly
 def test_enter_alone_is_no_verdict_on_an_output_that_was_never_on(stack: ExitStack, tmp_path: Path) -> None:
     rig = Rig(stack, tmp_path, "wago-750")
     rig.person.until("hold SPACE")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF16_LE
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,11 +16,12 @@ from controller.cli.ladder_export import TARGETS
 from controller.core.expr import Word
 from controller.export.packages.package import Io, PackageSource
 from controller.export.runtime_parts.part import SCAN_MS
+from controller.fx.engine.plc import FxPlc
+from controller.fx.language.instruction import Ladder
 from controller.program.states import State
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.ladder.trial import INDICATORS
 from plant_sim.twin.process import Process
 from tests.controller.export.st_runner import StPlc, StProgram
@@ -29,15 +31,38 @@ LIMIT_S: Final = 60.0
 NAMESPACE: Final = "{http://www.plcopen.org/xml/tc6_0200}"
 MOVERS: Final = tuple(point.number for point in MACHINE.io_map.outputs if point.tag not in INDICATORS)
 """Numbers of the outputs that move the machine."""
+FROM_ZERO: Final = (
+    ("start", 12, State.HELD),
+    ("stop", 250, State.STOPPED),
+    ("start", 12, State.IDLE),
+    ("start", 12, State.COMPLETE),
+)
+"""Presses of a trial that begins without memory: button, duration in scans, and the state at the end of which the next
+press begins. X24 answers that there is no tray."""
 UTC_S: Final = 1_700_000_000
 """UTC at the start of a test, s."""
 
 
-def package(target: str, io: Io | None = None) -> dict[str, str]:
+@cache
+def package(target: str, io: Io | None = None) -> Mapping[str, str]:
     """Return the files of a package by name."""
+    return files_of(target, PackageSource(MACHINE.program, MACHINE.io_map, io=io))
+
+
+def files_of(target: str, source: PackageSource) -> dict[str, str]:
+    """Write a package; return its files by name."""
     with TemporaryDirectory() as folder:
-        TARGETS[target](PackageSource(MACHINE.program, MACHINE.io_map, io=io), Path(folder))
-        return {path.name: path.read_text(encoding="utf-8") for path in Path(folder).iterdir()}
+        TARGETS[target](source, Path(folder))
+        return files_in(Path(folder))
+
+
+def files_in(folder: Path) -> dict[str, str]:
+    """Return the files of a written package by name."""
+    return {path.name: _text(path.read_bytes()) for path in folder.iterdir()}
+
+
+def _text(content: bytes) -> str:
+    return content.decode("utf-16" if content.startswith(BOM_UTF16_LE) else "utf-8")
 
 
 @dataclass(frozen=True)
@@ -50,6 +75,7 @@ class Places:
         alarms: Byte of S900.
         link_word: Address of the word that changes with every exchange; empty = none.
         by_offset: True if the outputs are in the order of their Modbus offsets, which begin at 0.
+        storage: Area whose words the runtime stores, although they are not declared as retained; empty = none.
     """
 
     device_byte: int
@@ -57,11 +83,12 @@ class Places:
     alarms: str
     link_word: str = ""
     by_offset: bool = False
+    storage: str = ""
 
 
 PLACES: Final = {
     "plain": Places(0, ("MW", 1000), "MX1212.4"),
-    "openplc": Places(100, ("QW", 400), "QX300.0", "IW100", by_offset=True),
+    "openplc": Places(100, ("QW", 400), "QX300.0", "IW100", by_offset=True, storage="MW"),
     "codesys": Places(0, ("MW", 1000), "MX1212.4", "IW100"),
 }
 
@@ -138,14 +165,11 @@ class PackageRig:
     """
 
     def __init__(self, target: str, plc: StPlc, *, seed: int = 1, trays: int = 2) -> None:
-        """Power up with valid memory."""
+        """Connect a PLC that has never run to a plant; nothing is set."""
         self._places = PLACES[target]
         self.plc = plc
         self.module = IoModule(Plant(MACHINE.io_map, load_machine(), seed=seed, trays=trays), MACHINE.io_map)
         self.clock_ms = self.utc_ms = self.late_us = self.link_ms = 0
-        plc.values["v_memory_kept"] = True
-        for name, value in (set_points_of(load_machine()) | {"trays_target": trays}).items():
-            self.write(getattr(MACHINE.tags.sp, name), value)
 
     def _register(self, number: int) -> str:
         area, first = self._places.register
@@ -164,6 +188,22 @@ class PackageRig:
         """PackML state."""
         return State(self.read(MACHINE.tags.machine.state))
 
+    def set_relay(self, place: str) -> None:
+        """Set a command relay at the place that the README names: a coil, an address or a variable of a list."""
+        kind, _, rest = place.partition(" ")
+        if kind == "coil":
+            self._set(f"QX{int(rest) // 8}.{int(rest) % 8}")
+        elif place.startswith("%"):
+            self._set(place.removeprefix("%"))
+        else:
+            name = f"v_{place.partition('.')[2]}"
+            assert self.plc.values[name] is False
+            self.plc.values[name] = True
+
+    def _set(self, address: str) -> None:
+        assert self.plc.read(address) == 0
+        self.plc.write(address, 1)
+
     def is_in(self, state: State) -> bool:
         """Return whether the machine is in a PackML state."""
         return self.state is state
@@ -173,6 +213,15 @@ class PackageRig:
         area, byte, bit = self._places.alarms[:2], *map(int, self._places.alarms[2:].split("."))
         position = byte * 8 + bit + number - 900
         return bool(self.plc.read(f"{area}{position // 8}.{position % 8}"))
+
+    def power_cycle(self, *, memory_lost: bool = False) -> None:
+        """Cycle the power; the memory is what the README of the package says that the runtime keeps, or none."""
+        area = self._places.storage
+        stored = self.plc.words(area) if area and not memory_lost else {}
+        self.plc.power_cycle(memory_lost=memory_lost)
+        for place, value in stored.items():
+            if value:  # the runtime does not restore zeros
+                self.plc.write(place, value)
 
     def outputs(self, levels: Sequence[bool]) -> list[bool]:
         """Run one scan with these inputs and return the outputs."""
@@ -194,6 +243,47 @@ class PackageRig:
         self.utc_ms += utc_ms
         self.link_ms += link_ms
         return image
+
+
+class FxRig:
+    """Instruction list on the simulated FX2N at the terminals of the plant.
+
+    Attributes:
+        module: I/O module of the plant.
+    """
+
+    def __init__(self, ladder: Ladder, *, trays: int = 1) -> None:
+        """Connect a PLC that has never run to a plant; nothing is set."""
+        self._ladder = ladder
+        self._plc = FxPlc(ladder)
+        self._now_ms = 0
+        self.module = IoModule(Plant(MACHINE.io_map, load_machine(), seed=1, trays=trays), MACHINE.io_map)
+
+    def read(self, word: Word) -> int:
+        """Return the value of a register."""
+        return self._plc.memory.D[word.number]
+
+    def write(self, word: Word, value: int) -> None:
+        """Write a register."""
+        self._plc.memory.D[word.number] = value
+
+    def set_relay(self, place: str) -> None:
+        """Set a command relay, which the README names by its number only, with a tool."""
+        self._plc.memory.M[int(place.removeprefix("M"))] = True
+
+    def scan(self) -> list[bool]:
+        """Run one scan and advance the plant by one period; return the outputs."""
+        image = self._plc.scan(self._now_ms, self.module.inputs())[: MACHINE.io_map.output_count]
+        self.module.write_outputs(0, image)
+        self.module.advance(SCAN_MS)
+        self._now_ms += SCAN_MS
+        return image
+
+    def power_cycle(self, *, memory_lost: bool = False) -> None:
+        """Cycle the power; the latched devices are kept, unless the battery is empty."""
+        if memory_lost:
+            self._plc = FxPlc(self._ladder)
+        self._plc.power_cycle()
 
 
 def rig(target: str, mutate: tuple[str, str] | None = None) -> PackageRig:

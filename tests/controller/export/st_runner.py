@@ -358,11 +358,15 @@ class StPlc:
             variable = self._by_address[address]
             self.values[f"v_{variable.name}"] = bool(value) if variable.type == "BOOL" else value
 
-    def power_cycle(self) -> None:
-        """Cycle the power: variables that are not retained return to their initial values."""
+    def words(self, area: str) -> dict[str, int]:
+        """Return the values of the variables with an address in an area, for example MW, by address."""
+        return {place: self.read(place) for place in self._by_address if place.startswith(area)}
+
+    def power_cycle(self, *, memory_lost: bool = False) -> None:
+        """Cycle the power: variables that are not retained, or all of them, return to their initial values."""
         self._ton_since_ms = None
         for variable in self._variables.values():
-            if not variable.retain:
+            if memory_lost or not variable.retain:
                 self.values[f"v_{variable.name}"] = self._cold[f"v_{variable.name}"]
 
     def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:

@@ -3,81 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
 
 import pytest
 
 from controller.cli.main import main as controller
-from controller.core.expr import Word
 from controller.export.packages.package import CONFIRMATION
 from controller.export.runtime_parts.part import SCAN_MS
-from controller.fx.engine.plc import FxPlc
-from controller.fx.language.reading import load_ladder
+from controller.fx.language.il import read_il
 from controller.program.states import State
-from plant_sim.links.io_module import IoModule
-from plant_sim.machine.parameters import load_machine
-from plant_sim.machine.plant import Plant
-from tests.controller.export.package_rig import MOVERS, PLACES, PackageRig, parsed_program
-from tests.controller.program.interlock_scene import MACHINE, TAGS
+from tests.controller.export.package_rig import MOVERS, PLACES, FxRig, PackageRig, files_in, parsed_program
+from tests.controller.export.terminals import Rig
+from tests.controller.program.interlock_scene import TAGS
 from tests.sampling import first_of, one_in
 
 CLAMP = TAGS.sp.clamp
 CLEAR_SCANS = 3_200 // SCAN_MS
 
 
-class Rig(Protocol):
-    """PLC with an exported program at the terminals of the plant."""
-
-    module: IoModule
-
-    def read(self, word: Word) -> int: ...
-
-    def write(self, word: Word, value: int) -> None: ...
-
-    def scan(self) -> list[bool]: ...
-
-    def power_cycle(self) -> None: ...
-
-
-class StRig(PackageRig):
-    """Package in Structured Text on the plant."""
-
-    def power_cycle(self) -> None:
-        self.plc.power_cycle()
-
-
-class FxRig:
-    """Instruction list on the simulated FX2N at the terminals of the plant."""
-
-    def __init__(self, folder: Path) -> None:
-        self._plc = FxPlc(load_ladder(folder / "transplanter.il"))
-        self._now_ms = 0
-        self.module = IoModule(Plant(MACHINE.io_map, load_machine(), seed=1, trays=1), MACHINE.io_map)
-
-    def read(self, word: Word) -> int:
-        return self._plc.memory.D[word.number]
-
-    def write(self, word: Word, value: int) -> None:
-        self._plc.memory.D[word.number] = value
-
-    def scan(self) -> list[bool]:
-        image = self._plc.scan(self._now_ms, self.module.inputs())[: MACHINE.io_map.output_count]
-        self.module.write_outputs(0, image)
-        self.module.advance(SCAN_MS)
-        self._now_ms += SCAN_MS
-        return image
-
-    def power_cycle(self) -> None:
-        self._plc.power_cycle()
-
-
 def exported(target: str, folder: Path, *options: str) -> Rig:
     """Return the PLC with the package that the command writes."""
     assert controller(["ladder", "export", "--target", target, "--out", str(folder), *options]) == 0
+    files = files_in(folder)
     if target == "fx2n":
-        return FxRig(folder)
-    files = {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
-    return StRig(target, parsed_program(target, files).plc(device_byte=PLACES[target].device_byte))
+        return FxRig(read_il(files["transplanter.il"]))
+    return PackageRig(target, parsed_program(target, files).plc(device_byte=PLACES[target].device_byte), trays=1)
 
 
 def scans(rig: Rig, count: int) -> bool:
@@ -98,6 +47,7 @@ def state(rig: Rig) -> State:
     return State(rig.read(TAGS.machine.state))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("target", "by_file"), one_in(2, [("openplc", False), ("codesys", False), ("plain", True), ("fx2n", False)])
 )

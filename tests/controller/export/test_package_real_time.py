@@ -12,7 +12,7 @@ from controller.export.runtime_parts.part import SCAN_MS
 from controller.io.modbus_tcp import ModbusTcpLink
 from controller.program.states import State
 from plant_sim.twin.operator import Operator, counts_of
-from tests.controller.export.package_rig import LIMIT_S, PackageRig, plant_process, rig
+from tests.controller.export.package_rig import FROM_ZERO, LIMIT_S, PackageRig, plant_process, rig
 from tests.controller.program.interlock_scene import MACHINE
 from tests.real_time import LATE_MS
 
@@ -52,6 +52,7 @@ def test_a_package_completes_a_trial_in_real_time() -> None:
     On a computer that delays a scan beyond the limits, the machine must abort and say why.
     """
     machine = rig("openplc")
+    machine.write(MACHINE.tags.sp.trays_target, TRAYS)
     with ExitStack() as stack:
         port = stack.enter_context(plant_process("--watchdog-ms", "500", seed=SEED, trays=TRAYS))
         operator = stack.enter_context(Operator("127.0.0.1", port))
@@ -59,14 +60,14 @@ def test_a_package_completes_a_trial_in_real_time() -> None:
         stack.callback(link.close)
         link.open()
         pace = Pace()
-        for until in (State.IDLE, State.COMPLETE):
+        for button, pressed, until in FROM_ZERO:
             for n in range(20_000):
-                if n in (2, 14):
-                    operator.hold("start", pressed=n == 2)
+                if n in (2, 2 + pressed):
+                    operator.hold(button, pressed=n == 2)
                 link.write_outputs(machine.outputs(link.read_inputs()))
                 if n % READ_EVERY == 0:
                     machine.link_ms = int(operator.telemetry()["time_ms"])
-                if machine.is_in(until) or machine.is_in(State.ABORTED):
+                if (machine.is_in(until) and n > pressed + 10) or machine.is_in(State.ABORTED):
                     break
                 pace.wait(machine)
             if machine.is_in(State.ABORTED):

@@ -237,6 +237,7 @@ def writes(item: Rung | Steps) -> list[Bit | Word]:
     return [*item.bits.values(), *timers, *([] if item.consumes is None else [item.consumes])]
 
 
+@pytest.mark.nightly
 def test_every_condition_of_the_machine_has_its_value() -> None:
     """With the relays expanded, the conditions equal those of the program, and no outdated relay is read."""
     program = acting(MACHINE.program)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import struct
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from itertools import count
 from types import TracebackType
 from typing import Any, Self
@@ -16,6 +17,7 @@ from controller.hmi.modbus.endpoint import HmiOptions
 from controller.hmi.modbus.fx3u_map import coil_address, register_address
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace
+from controller.io.scan_writes import ScanWrite
 from plant_sim.twin.lock_step import Twin
 from tests.controller.common.modbus_rig import Client, read_pdu
 
@@ -60,8 +62,30 @@ def until(condition: Callable[[], bool], bystander: Client) -> None:
         assert requests < MAX_REQUESTS, "condition not met"
 
 
+def scan_for_writes(rig: HmiRig) -> None:
+    """Let every write that is submitted in the server thread be followed by a scan in this thread."""
+    writes = rig.twin.runtime.writes
+    submit = writes.submit
+
+    def scan() -> None:
+        if rig.scans_for_writes and writes.are_waiting:
+            rig.twin.scan()
+
+    def submit_and_scan(action: Callable[[], None]) -> ScanWrite:
+        write = submit(action)
+        with suppress(RuntimeError):  # the test uses a session itself, and executes the scan
+            asyncio.get_running_loop().call_soon(scan)
+        return write
+
+    writes.submit = submit_and_scan  # type: ignore[method-assign]
+
+
 class HmiRig:
-    """Twin with a Modbus server; `audits` contains the audit rows."""
+    """Twin with a Modbus server; `audits` contains the audit rows.
+
+    While a client waits for the answer to a write, the server thread executes the scan that takes it, unless
+    `scans_for_writes` is false.
+    """
 
     def __init__(
         self,
@@ -74,6 +98,8 @@ class HmiRig:
     ) -> None:
         self.twin = twin or Twin()
         runtime = self.twin.runtime
+        self.scans_for_writes = True
+        scan_for_writes(self)
         runtime.forcing.allowed = allow_forcing
         self.audits: list[tuple[str, ...]] = []
         self.changes: list[Any] = []

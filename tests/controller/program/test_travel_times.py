@@ -159,6 +159,7 @@ def test_the_travel_model_has_the_travel_times() -> None:
     assert fast.longest.ms < slow.longest.ms
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "text",
     first_of(

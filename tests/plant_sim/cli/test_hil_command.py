@@ -17,7 +17,7 @@ from controller.common.stop_request import StopRequest
 from plant_sim.cli.main import main
 from tests.paths import DOCS, ROOT
 
-LIMIT_S = 240
+LIMIT_S = 480
 
 
 def _start(*arguments: str, folder: Path) -> subprocess.Popen[str]:
@@ -63,6 +63,7 @@ def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
     assert "outputs from 127.0.0.1" in html  # timing of the controller
 
 
+@pytest.mark.nightly
 def test_the_program_is_judged_in_one_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -103,12 +104,24 @@ def test_an_interrupted_run_writes_reports_that_state_it(tmp_path: Path) -> None
     assert "(stopped before the last case)</h1>" in (tmp_path / "reports" / "hil.html").read_text("utf-8")
 
 
+def test_a_controller_that_never_comes_ends_the_run_in_lock_step(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["hil", "serve", "--port", "0", "--lock-step-ms", "10", "--no-reference", "--wait-s", "1"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 1
+    assert capsys.readouterr().err.splitlines() == ["stopped before the last case: no output was written for 1 s"]
+    assert "no output was written for 1 s)</h1>" in (tmp_path / "hil.html").read_text("utf-8")
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
         (["serve", "--out", "{file}/x"], "choose another folder"),
         (["serve", "--out", "{folder}", "--stop-ms", "-1"], "--stop-ms -1: must be 0 to 10000"),
         (["serve", "--out", "{folder}", "--cases", "nothing"], "invalid choice"),
+        (["serve", "--out", "{folder}", "--random-operator", "10"], "only in lock step"),
+        (["program", "--out", "{folder}", "--wait-s", "0"], "--wait-s 1 to 10000"),
+        (["program", "--out", "{folder}", "--short", "--cases", "press"], "omit it, or --cases"),
         (["connect", "fx5u", "--out", "{folder}"], "--host"),
         (
             ["serve", "--out", "{folder}", "--planting-frequency", "0"],

@@ -66,6 +66,7 @@ def test_a_parameter_outside_a_rating_is_warned_about(
     )
 
 
+@pytest.mark.nightly
 def test_a_trial_with_a_fault_is_recorded_with_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "run.parquet"
     fault = "stuck_off:left.lift_up@20s..21s"

@@ -68,6 +68,7 @@ def test_frequency_release_and_parameters_are_used(tmp_path: Path, capsys: pytes
     assert "chain.offset_m" in other["assumed"]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("arguments", "start"),
     one_in(

@@ -261,6 +261,7 @@ def _flood(service: Service) -> None:
         pass
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("number", first_of(NUMBERS))
 @pytest.mark.parametrize(
     ("ready", "arguments"),

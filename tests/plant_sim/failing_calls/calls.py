@@ -186,26 +186,40 @@ class Calls:
         return watched
 
     def _connected(self, connect: Callable[..., sqlite3.Connection]) -> Callable[..., sqlite3.Connection]:
-        calls = self
+        def connection(party: str) -> type[sqlite3.Connection]:
+            def check(call: str) -> None:
+                self.check(Kind(party, call, is_sql=True))
 
-        class Watched(sqlite3.Connection):
-            def execute(self, sql: str, *values: Any) -> sqlite3.Cursor:
-                words = sql.replace("(", " ").split()
-                calls.check(Kind("history", " ".join(words[: 2 if words[0] == "PRAGMA" else 3]), is_sql=True))
-                return super().execute(sql, *values)
+            class Watched(sqlite3.Connection):
+                def execute(self, sql: str, *values: Any) -> sqlite3.Cursor:
+                    check(_statement(sql))
+                    return super().execute(sql, *values)
 
-            def executescript(self, sql: str) -> sqlite3.Cursor:
-                calls.check(Kind("history", "script", is_sql=True))
-                return super().executescript(sql)
+                def executemany(self, sql: str, *values: Any) -> sqlite3.Cursor:
+                    check(_statement(sql))
+                    return super().executemany(sql, *values)
 
-            def close(self) -> None:
-                super().close()
+                def executescript(self, sql: str) -> sqlite3.Cursor:
+                    check("script")
+                    return super().executescript(sql)
+
+                def __exit__(self, kind: Any, error: Any, traceback: Any) -> Any:
+                    if kind is None:
+                        try:
+                            check("end of a transaction")
+                        except sqlite3.Error:
+                            self.rollback()
+                            raise
+                    return super().__exit__(kind, error, traceback)
+
+            return Watched
 
         def watched(path: Any, *arguments: Any, **options: Any) -> sqlite3.Connection:
             if str(self.folder) not in str(path):
                 return connect(path, *arguments, **options)
-            self.check(Kind("history", "connect to the file", is_sql=True))
-            return connect(path, *arguments, factory=Watched, **options)
+            party = "trends" if "trends" in str(path) else "history"
+            self.check(Kind(party, "connect to the file", is_sql=True))
+            return connect(path, *arguments, factory=connection(party), **options)
 
         return watched
 
@@ -254,6 +268,12 @@ class WatchedFile:
         self._file.close()
         if not is_closed:
             self._calls.check(Kind(self._name, "close"))
+
+
+def _statement(sql: str) -> str:
+    """Return the words that distinguish a statement."""
+    words = sql.replace("(", " ").split()
+    return " ".join(words[: 2 if words[0] == "PRAGMA" else 3])
 
 
 def _is_unnamed(flags: int) -> bool:

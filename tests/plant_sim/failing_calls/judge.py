@@ -77,6 +77,8 @@ def _lost(outcome: Outcome) -> Iterable[str]:
         yield f"{missing.total()} stored records are missing: {next(iter(missing))}"
     if twice := [row for row, count in rows.items() if count > max(1, stored[row])]:
         yield f"{len(twice)} records occur twice"
+    if outcome.periods != outcome.periods_stored:
+        yield f"the periods of the trends are {outcome.periods}, not {outcome.periods_stored}"
     lost = outcome.submitted - len(outcome.rows)
     if lost > told.counts.get("history", 0):
         yield f"{lost} records are lost, told are {told.counts.get('history', 0)}"

@@ -25,14 +25,18 @@ DRAWN: Final = 2
 """Number of faults by default; each takes a second of processor time."""
 PARTS: Final = 8
 """Number of cases into which the table is divided."""
-PARTIES: Final = frozenset({"device server", "events", "field", "history", "panel", "plant server", "telemetry"})
+MEMORY_PARTS: Final = 4
+PARTIES: Final = frozenset(
+    {"device server", "events", "field", "history", "panel", "plant server", "telemetry", "trends"}
+)
 """Parties with calls; files have their names."""
+MEMORY: Final = "retentive.json"
 CALLS: Final = frozenset({"accept", "close", "connect", "connect_ex", "recv", "recv_into", "send"}) | frozenset(
     {"COMMIT", "flush", "fsync", "open", "read", "replace", "write"}
 )
 
 
-def run_of(fault: Fault | None) -> Outcome:
+def run_of(fault: Fault | None, *, threaded: bool = False) -> Outcome:
     """Run the run in a folder that is removed after it."""
     with TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         if fault is not None:  # asyncio leaves a connection open if its last call fails
@@ -40,15 +44,15 @@ def run_of(fault: Fault | None) -> Outcome:
         folder = Path(name) / "var"
         folder.mkdir()
         try:
-            return WholeRun(folder, fault).run(patch)
+            return WholeRun(folder, fault, threaded=threaded).run(patch)
         finally:
             gc.collect()
 
 
 @cache
-def reference() -> Outcome:
+def reference(*, threaded: bool = False) -> Outcome:
     """Return the outcome without a fault."""
-    return run_of(None)
+    return run_of(None, threaded=threaded)
 
 
 def table() -> list[Fault]:
@@ -69,8 +73,17 @@ def _last(kind: Kind, places: list[Place]) -> Place:
     return min(places[-1], end) if kind.is_network else places[-1]
 
 
-def violations(faults: list[Fault]) -> list[str]:
-    return [f"{fault}: {found}" for fault in faults for found in findings(run_of(fault), reference(), fault)]
+def violations(faults: list[Fault], *, threaded: bool = False) -> list[str]:
+    return [
+        f"{fault}: {found}"
+        for fault in faults
+        for found in findings(run_of(fault, threaded=threaded), reference(threaded=threaded), fault)
+    ]
+
+
+def of_memory() -> list[Fault]:
+    """Return the faults of the retentive memory."""
+    return [fault for fault in table() if MEMORY in fault.kind.party]
 
 
 def test_the_run_reaches_all_calls_and_ends_at_work() -> None:
@@ -83,6 +96,8 @@ def test_the_run_reaches_all_calls_and_ends_at_work() -> None:
     assert outcome.saved == [outcome.retained]
     assert outcome.submitted == len(outcome.stored) == len(outcome.rows) > 30
     assert outcome.events_submitted == len(outcome.told.events) > 5
+    assert outcome.periods == outcome.periods_stored
+    assert outcome.periods.total() > 10
 
 
 def test_a_drawn_call_fails() -> None:
@@ -93,3 +108,13 @@ def test_a_drawn_call_fails() -> None:
 @pytest.mark.parametrize("part", range(PARTS))
 def test_every_call_fails(part: int) -> None:
     assert violations(table()[DRAWN + part :: PARTS]) == []
+
+
+def test_a_drawn_call_of_the_thread_of_the_memory_fails() -> None:
+    assert violations(of_memory()[:1], threaded=True) == []
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("part", range(MEMORY_PARTS))
+def test_every_call_of_the_thread_of_the_memory_fails(part: int) -> None:
+    assert violations(of_memory()[1 + part :: MEMORY_PARTS], threaded=True) == []

@@ -1,4 +1,4 @@
-"""Run of 30 s of a running controller with plant, retentive memory, history, events and Modbus clients.
+"""Run of 30 s of a running controller with plant, retentive memory, history, events, trends and Modbus clients.
 
 The controller is the delivered command ``run`` in simulated time; the plant is its Modbus server in lock step. Both run
 in this process, so that any of their calls can fail.
@@ -6,14 +6,15 @@ in this process, so that any of their calls can fail.
 
 from __future__ import annotations
 
-import asyncio
 import io
 import logging
 import socket
 import sqlite3
 import sys
 import threading
-from collections.abc import Coroutine, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,8 +23,6 @@ from typing import Any, Final
 import pytest
 
 from controller.cli.main import main
-from controller.common.modbus.async_client import ModbusClientError
-from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.common.stop_request import StopRequest
 from controller.common.supervision import failures
 from controller.core.retentive_store import FileStore
@@ -33,9 +32,10 @@ from controller.history.file import HistoryFile, HistoryRow
 from controller.history.schema import TABLES
 from controller.history.writer import HistoryWriter
 from controller.hmi.modbus.fx3u_map import register_address
-from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.io.loop import run_simulated_time
+from controller.io.retentive_writer import ThreadedRetentiveWriter, writer_until_end
 from controller.io.runtime import Runtime
+from controller.io.scan_writes import ScanWrite, ScanWrites
 from controller.program.states import State
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
@@ -45,9 +45,12 @@ from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import constants_file, default_io_map
 from tests.plant_sim.failing_calls.calls import Calls, Fault, WatchedFile
+from tests.plant_sim.failing_calls.panel import PATIENT_S, Panel, PanelTrends, periods_of, shorten_periods
 
 SCAN_MS: Final = 20
 SECOND: Final = 1_000 // SCAN_MS
+ANSWERED: Final = 2
+"""Scans from the request of a write to its answer: the next one takes it, and answers it after its observers."""
 FIRST_RUN: Final = SECOND // 2
 """Scans of a first run, which creates the files."""
 SCANS: Final = 30 * SECOND
@@ -61,8 +64,9 @@ PRESSES: Final = {
 """Homing, and the start of the machine, which moves in the middle of the run."""
 VISITS: Final = (4 * SECOND, 16 * SECOND, 28 * SECOND)
 """Scans in which a second client connects, reads and disconnects."""
-PATIENT_S: Final = 5.0
-"""Limit of a wait, s: the end of a hang."""
+SAMPLED: Final = SECOND // 5
+WRITTEN: Final = 4 * SECOND
+"""Scans between two samples of the trends, and between two writes of their file."""
 
 
 @dataclass
@@ -94,13 +98,15 @@ class Outcome:
         ends: Scan after the last one of each run, counted over both: its connections are being closed.
         outputs_on: Outputs of the plant that are on after the end of the controller.
         unsafe: Outputs of the plant that are on 100 ms after an abort, lamps excepted.
-        writes: Answered writes of a client that were not in effect two scans later.
+        writes: Values of a set-point other than those of the writes that can be in effect.
         saved: Retentive values stored last, and those of a save that failed after it.
         retained: Retentive values after a restart; None if there are none.
         stored: Rows that the history reported as stored.
         submitted: Number of rows submitted to the history.
         rows: Rows of the history after a restart.
         events_submitted: Number of events.
+        periods_stored: Periods of the trends that their file reported as stored.
+        periods: Periods in the file after a restart.
         final: PackML state at the end.
         trouble: Exceptions that no part of the product has handled.
     """
@@ -119,69 +125,32 @@ class Outcome:
     submitted: int = 0
     rows: list[tuple[Any, ...]] = field(default_factory=list)
     events_submitted: int = 0
+    periods_stored: Counter[int] = field(default_factory=Counter)
+    periods: Counter[int] = field(default_factory=Counter)
     final: State | None = None
     trouble: list[str] = field(default_factory=list)
 
 
-class Panel:
-    """Clients of the controller and of the telemetry, in a thread of their own."""
-
-    def __init__(self, hmi_port: int, plant_port: int, told: Told) -> None:
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="panel", daemon=True)
-        self._hmi_port = hmi_port
-        self._told = told
-        self.controller = ModbusConnection("127.0.0.1", hmi_port, timeout_s=1.0)
-        self.telemetry = ModbusConnection("127.0.0.1", plant_port, timeout_s=1.0)
-
-    def __enter__(self) -> Panel:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._call(self._close())
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
-
-    def done(self, request: Coroutine[Any, Any, Any]) -> bool:
-        """Carry out a request; return False, and tell it, if it is not answered."""
-        try:
-            self._call(request)
-        except (ModbusClientError, ExceptionReplyError) as error:
-            self._told.clients.append(repr(error))
-            return False
-        return True
-
-    async def visit(self) -> None:
-        """Connect a second client, read a register, and disconnect."""
-        client = ModbusConnection("127.0.0.1", self._hmi_port, timeout_s=1.0)
-        try:
-            await client.read_words(register_address("R", 0), 1)
-        finally:
-            client.close()
-
-    async def _close(self) -> None:
-        self.controller.close()
-        self.telemetry.close()
-        await asyncio.sleep(0)
-
-    def _call(self, request: Coroutine[Any, Any, Any]) -> Any:
-        return asyncio.run_coroutine_threadsafe(request, self._loop).result(PATIENT_S)
-
-
 class WholeRun:
-    """One run of the run, with at most one fault."""
+    """One run of the run, with at most one fault.
 
-    def __init__(self, folder: Path, fault: Fault | None = None) -> None:
-        self.folder = folder
+    Args:
+        folder: Folder of the files.
+        fault: Fault of one call; None = none.
+        threaded: Whether a thread writes the retentive memory, as in real time; a scan waits for it.
+    """
+
+    def __init__(self, folder: Path, fault: Fault | None = None, *, threaded: bool = False) -> None:
+        self.folder, self._threaded = folder, threaded
+        self._writer: ThreadedRetentiveWriter | None = None
         self.outcome = Outcome(Calls(folder, fault))
         self._events = folder.parent / "events.txt"
         self._runtime: Runtime | None = None
-        self._expected: list[tuple[int, int, set[int]]] = []
         self._values = {0}
         self._aborted = 0
         self._signals = {f"Y{point.number:o}" for point in default_io_map().outputs if "lamp" in point.tag}
+        self._writing: tuple[int, int, Future[Any]] | None = None
+        self._waiting = threading.Condition()
         self._committed = threading.Condition()
         self._commits = 0
 
@@ -203,7 +172,7 @@ class WholeRun:
             server = stack.enter_context(ServerThread(PlantServer(self._module, port=0, lock_step_ms=SCAN_MS)))
             self._plant, port = server, server.server.port
             calls.ports.update({hmi_port: "panel", port: "telemetry"})
-            self._panel = stack.enter_context(Panel(hmi_port, port, outcome.told))
+            self._panel = stack.enter_context(Panel(hmi_port, port, outcome.told.clients))
             options = f"--port {port} --retain {self.folder}/retentive.json --events json --no-console --simulated-time"
             options += (
                 f" --pace 65535 --timeout-ms 1000 --hmi-port {hmi_port} --constants {constants} --scan-ms {SCAN_MS}"
@@ -224,7 +193,10 @@ class WholeRun:
         """Run the controller for a number of scans."""
         outcome = self.outcome
         self._left, outcome.scans = scans, 0
+        path = self.folder / "trends.sqlite"
         with ExitStack() as stack:
+            self._trends = PanelTrends(path, outcome.periods_stored, outcome.calls.at * SCAN_MS)
+            stack.callback(lambda: self._panel.finish(self._trends.trends.close()))
             self._stop = stack.enter_context(StopRequest())
             events = stack.enter_context(self._events.open("a+", encoding="utf-8"))
             patch = stack.enter_context(pytest.MonkeyPatch.context())
@@ -257,6 +229,7 @@ class WholeRun:
         """Record what stores and histories accept and report as stored, and follow the scans."""
         outcome = self.outcome
         save, append, put, write = FileStore.save, HistoryFile.append, HistoryWriter._put, EventWriter.write
+        submit = ScanWrites.submit
 
         def saved(store: FileStore, values: Any) -> None:
             try:
@@ -281,6 +254,12 @@ class WholeRun:
             outcome.events_submitted += 1
             write(writer, event)
 
+        def waits(writes: ScanWrites, action: Callable[[], None]) -> ScanWrite:
+            write = submit(writes, action)
+            with self._waiting:
+                self._waiting.notify_all()
+            return write
+
         def followed(runtime: Runtime, *arguments: Any, **options: Any) -> Any:
             self._runtime = runtime
             runtime.observers.append(self._follow)
@@ -290,7 +269,20 @@ class WholeRun:
         patch.setattr(HistoryFile, "append", appended)
         patch.setattr(HistoryWriter, "_put", submitted)
         patch.setattr(EventWriter, "write", written)
+        patch.setattr(ScanWrites, "submit", waits)
+
+        @contextmanager
+        def in_thread(store: FileStore, **_: object) -> Iterator[ThreadedRetentiveWriter]:
+            with writer_until_end(store, threaded=True) as writer:
+                assert isinstance(writer, ThreadedRetentiveWriter)
+                self._writer = writer
+                yield writer
+            self._writer = None
+
         patch.setattr("controller.cli.run.run_simulated_time", followed)
+        if self._threaded:
+            patch.setattr("controller.cli.run.writer_until_end", in_thread)
+        shorten_periods(patch)
 
     def _follow(self, _now_ms: int, plc: Plc) -> None:
         """Act as operator and clients between two scans."""
@@ -308,33 +300,54 @@ class WholeRun:
     def _act(self, scan: int, plc: Plc) -> None:
         runtime = self._runtime
         assert runtime is not None
+        if (writer := self._writer) is not None:
+            with writer._wake:
+                writer._wake.wait_for(lambda: writer._newest is None and not writer._busy, PATIENT_S)
         is_aborted = plc.read(runtime.machine.tags.machine.state) == State.ABORTED
         self._aborted = self._aborted + 1 if is_aborted else 0
         if self._aborted > SECOND // 10 and (on := [name for name in self._outputs_on() if name not in self._signals]):
             self.outcome.unsafe.append(f"{on} on in Aborted")
-        for due, number, values in [each for each in self._expected if each[0] <= scan]:
-            if (value := plc.memory.D[number]) not in values:
-                self.outcome.writes.append(f"D{number} is {value}, not {values}")
-            self._expected.remove((due, number, values))
+        if (value := plc.memory.D[(number := runtime.machine.tags.sp.trays_target.number)]) not in self._values:
+            self.outcome.writes.append(f"D{number} is {value}, not {self._values}")
+        if self._writing is not None and scan == self._writing[0] + ANSWERED:
+            self._end_write(*self._writing)
         if scan in PRESSES:
             button, pressed = PRESSES[scan]
             self._plant.call(lambda: setattr(self._module.plant.box, button, pressed))
         if scan in VISITS:
             self._panel.done(self._panel.visit())
+        if scan % SAMPLED == 0:
+            self._trends.sample(self.outcome.calls.at * SCAN_MS)
+        if scan % WRITTEN == WRITTEN - 1:
+            self._panel.finish(self._trends.trends.write())
         if scan % SECOND == SECOND // 2:
-            self._write(scan, runtime.machine.tags.sp.trays_target.number)
+            self._begin_write(scan, number)
         if scan % SECOND == 0:
             self._panel.done(self._panel.telemetry.read_words(0, TELEMETRY_REGISTERS, input_=True))
             self._panel.done(self._panel.controller.read_bits(0, 64))
 
-    def _write(self, scan: int, number: int) -> None:
-        """Write a set-point, and wait for the record of it in the history."""
-        value = 100 + scan // SECOND
+    def _begin_write(self, scan: int, number: int) -> None:
+        """Begin to write a set-point; the next scan takes it, unless a call fails before."""
+        value, commits = value_of(scan), self._commits
         self._values.add(value)
-        commits = self._commits
-        if self._panel.done(self._panel.controller.write_word(register_address("D", number), value)):
-            self._values = {value}
-            self._expected.append((scan + 2, number, self._values))
+        written = self._panel.begin(self._panel.controller.write_word(register_address("D", number), value))
+        assert self._runtime is not None
+        writes = self._runtime.writes
+
+        def notify(_: object) -> None:
+            with self._waiting:
+                self._waiting.notify_all()
+
+        written.add_done_callback(notify)
+        with self._waiting:
+            self._waiting.wait_for(lambda: writes.are_waiting or written.done(), PATIENT_S)
+        self._writing = scan, commits, written
+
+    def _end_write(self, scan: int, commits: int, written: Future[Any]) -> None:
+        """Take the answer, with which the write is in effect, and wait for the record of it in the history."""
+        self._writing = None
+        if self._panel.is_answered(written):
+            self._values = {value_of(scan)}
             with self._committed:
                 self._committed.wait_for(lambda: self._commits > commits, timeout=0.5)
 
@@ -350,6 +363,7 @@ class WholeRun:
             outcome.retained = store.load()
         if store.interrupted:
             outcome.told.lines.append("the last run did not end in order")
+        outcome.periods = periods_of(self.folder / "trends.sqlite")
         outcome.rows = rows_of(self.folder / "history.sqlite")
         outcome.told.events = self._events.read_text(encoding="utf-8").splitlines()
 
@@ -366,3 +380,8 @@ def rows_of(path: Path) -> list[tuple[Any, ...]]:
 def _free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         return int(listener.getsockname()[1])
+
+
+def value_of(scan: int) -> int:
+    """Return the value of the set-point that is written after a scan."""
+    return 100 + scan // SECOND

@@ -58,6 +58,7 @@ def test_evidence_is_not_conclusive_if_the_images_differ_before_the_harm_or_the_
     assert not replace(found, healthy=replace(found.healthy, in_cups=60)).is_conclusive
 
 
+@pytest.mark.nightly
 def test_a_healthy_machine_has_the_same_images_until_a_tray_has_passed() -> None:
     """A tray sensor that welds at rest while a tray is on its way looks like a tray that was moved under the sensor."""
     found = welded_tray_sensor(MatrixSetup(trays=2))

@@ -32,6 +32,7 @@ def setting(tmp_path_factory: pytest.TempPathFactory) -> MatrixSetup:
     return MatrixSetup(io_map=path)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("kind", "target", "size", "signals"),
     first_of(

@@ -6,8 +6,8 @@ import pytest
 
 from plant_sim.faults import parse_fault
 from plant_sim.hil.bench import Bench
+from plant_sim.hil.bench_module import BenchModule
 from plant_sim.hil.bench_run import CaseVerdict
-from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.hil.procedure import NotRunError
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
@@ -17,7 +17,7 @@ from tests.plant_sim.hil.hil_rig import default_map, failures, judge
 
 def _bench() -> Bench:
     io_map, machine = default_map(), load_machine()
-    return Bench(DelayingModule(Plant(io_map, machine, seed=1, trays=2), io_map), machine)
+    return Bench(BenchModule(Plant(io_map, machine, seed=1, trays=2), io_map), machine)
 
 
 @pytest.mark.nightly
@@ -35,11 +35,11 @@ def test_an_output_that_flickers_fails() -> None:
 @pytest.mark.nightly
 def test_a_controller_that_is_dead_for_400_ms_fails() -> None:
     def dies(bench: Bench, on: set[str]) -> set[str] | None:
-        return None if 60_000 <= bench.now_ms < 60_400 else on
+        return None if 120_000 <= bench.now_ms < 120_400 else on
 
     results, _ = judge(damage=dies)
     reasons = failures(results)["trial: 144 seedlings"]
-    assert "output watchdog: no output written for 100 ms, at 60.100 s" in reasons
+    assert "output watchdog: no output written for 100 ms, at 120.100 s" in reasons
 
 
 def test_a_controller_that_works_on_after_homing_fails() -> None:
@@ -50,7 +50,7 @@ def test_a_controller_that_works_on_after_homing_fails() -> None:
     pressed_ms: list[int] = []
 
     def starts_itself(bench: Bench, on: set[str]) -> set[str]:
-        if not pressed_ms and bench.now_ms > 4_000 and not on and bench.view.quiet_for(500):
+        if not pressed_ms and bench.now_ms > 64_000 and not on and bench.view.quiet_for(500):
             pressed_ms.append(bench.now_ms)
         if pressed_ms:
             bench.module.plant.box.start = bench.now_ms - pressed_ms[0] < 200

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
+from plant_sim.hil.bench import Figure
 from plant_sim.hil.bench_run import CaseResult, CaseVerdict
-from plant_sim.hil.figure import Figure
-from plant_sim.hil.report import findings, junit, line, page, summary
+from plant_sim.hil.reporting.report import findings, junit, line, page, summary
 
 RESULTS = [
     CaseResult("homing", "a & b", CaseVerdict.PASSED, [], 1_000, 3_500, 2_000, {"homing": Figure(2.5, "s")}),

@@ -76,6 +76,7 @@ def fed_arms() -> tuple[ArmsFeed, MotorDrive]:
     return arms, drive
 
 
+@pytest.mark.nightly
 def test_the_chains_follow_the_cycles_of_the_drive(fed_arms: tuple[ArmsFeed, MotorDrive]) -> None:
     """The chain position corresponds to the planted cup, which is six cups after the last claw."""
     arms, drive = fed_arms

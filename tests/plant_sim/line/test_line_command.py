@@ -96,6 +96,7 @@ def test_the_arms_plant_more_than_hands(pepper: LineResult) -> None:
     assert "x the 2,500 to 3,000 plants/h fed by hand" in pepper.text()
 
 
+@pytest.mark.nightly
 def test_the_text_lists_what_is_assumed_and_why_plants_are_missing(pepper: LineResult) -> None:
     text = pepper.text()
     released = sum(row.released for row in pepper.rows)

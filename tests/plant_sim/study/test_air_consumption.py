@@ -200,6 +200,7 @@ def test_without_a_recording_the_command_runs_a_trial(
     assert printed["drives"] == json.loads(json.dumps(air_of(trial[0]).record()))["drives"]
 
 
+@pytest.mark.nightly
 def test_the_sample_in_the_guide_is_the_output_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert air_command(options()) == 0
     assert f"```text\n{capsys.readouterr().out}```" in GUIDE.read_text(encoding="utf-8")

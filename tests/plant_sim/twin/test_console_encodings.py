@@ -24,6 +24,7 @@ ISLAND = "阀岛"
 LINK_LOST = 901
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("console", first_of(CONSOLES))
 def test_the_loss_of_a_device_with_a_chinese_name_is_told(console: str, tmp_path: Path) -> None:
     """The loss, the state Aborting and the alarm are events of a running controller on every console."""
@@ -62,6 +63,7 @@ def test_the_loss_of_a_device_with_a_chinese_name_is_told(console: str, tmp_path
     assert b"Traceback" not in errors
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("console", first_of(CONSOLES))
 @pytest.mark.parametrize("command", first_of(["planter", "study cabbage-rsm --data reconciled"]))
 def test_a_report_with_signs_is_printed_on_every_console(console: str, command: str) -> None:

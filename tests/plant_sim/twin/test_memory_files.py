@@ -27,6 +27,7 @@ def alarms(events: list[dict[str, object]]) -> list[object]:
     return [event["number"] for event in events if event["event"] == "alarm"]
 
 
+@pytest.mark.nightly
 def test_an_old_copy_of_the_memory_is_set_aside_and_the_operator_is_asked(tmp_path: Path) -> None:
     """The memory of the first run is put back after the second one; the third one starts with a new store."""
     memory = tmp_path / "retentive.json"

@@ -391,6 +391,7 @@ def test_the_live_run_is_stopped_by_ctrl_c_in_order(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.nightly
 def test_a_retentive_memory_is_locked_by_its_controller(tmp_path: Path) -> None:
     """A second controller that opens the file of a running one is rejected in one line."""
     with plant_thread() as port, controller_process(port, tmp_path) as first:

@@ -292,6 +292,7 @@ def test_a_machine_that_has_not_moved_has_consumed_no_air() -> None:
 # --- the command -----------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_the_command_repeats_a_trial_with_consecutive_seeds(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["trial", "--seedlings", str(SEEDLINGS), "--repeat", "2"]
     assert main([*arguments, "--json"]) == 0

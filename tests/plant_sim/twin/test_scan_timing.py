@@ -130,6 +130,7 @@ def test_table() -> None:
     assert line == "| 12 ± 2, one in 1000: 80 | 0 of 1 | 0 | 0 | 0 | 0 | 72 | 0 | – |"
 
 
+@pytest.mark.nightly
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "idle.il"
     file.write_text(write_il(IDLE), encoding="utf-8")

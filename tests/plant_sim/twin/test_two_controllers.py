@@ -56,6 +56,7 @@ def event_of(process: Process, kind: str) -> dict[str, object]:
             return event
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("together", first_of([False, True]))
 def test_one_of_two_controllers_is_refused_and_both_say_so(together: bool, stack: ExitStack, tmp_path: Path) -> None:
     """Whichever writes first owns the outputs; the other one is told its address, and the owner that of the other."""

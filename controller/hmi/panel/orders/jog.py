@@ -22,7 +22,7 @@ from controller.hmi.modbus.fx3u_map import coil_address
 from controller.hmi.panel.modbus.connection import NAME_ADDRESS, ModbusConnection, name_words
 from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.orders.login import AccessLevel
-from controller.hmi.panel.orders.replies import reply_text
+from controller.hmi.panel.orders.replies import exception_text, reply_text
 from controller.hmi.panel.orders.session import BrowserSession, OrderRefusedError, obstacle_text
 from controller.program.machine import Transplanter
 from controller.program.operator.commands import JOG_LEASE_MS
@@ -138,7 +138,7 @@ class Jogging:
         except ModbusClientError:
             jog.session.release_reason = reply_text("jog unanswered")
         except ExceptionReplyError as refusal:
-            jog.session.release_reason = reply_text("refused", code=refusal.code)
+            jog.session.release_reason = exception_text(refusal.code)
         except Exception:
             jog.session.release_reason = reply_text("press again")
             raise

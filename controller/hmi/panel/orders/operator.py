@@ -27,7 +27,7 @@ from controller.hmi.panel.orders import messages
 from controller.hmi.panel.orders.jog import Jogging
 from controller.hmi.panel.orders.jog_reasons import foreseen_obstacle
 from controller.hmi.panel.orders.login import AccessLevel, command_level
-from controller.hmi.panel.orders.replies import level_text, reply_text
+from controller.hmi.panel.orders.replies import exception_text, level_text, reply_text
 from controller.hmi.panel.orders.session import (
     MOMENTARY,
     BrowserSession,
@@ -126,7 +126,7 @@ class OrderHandler:
             return Reply(False, refusal.text)
         except ExceptionReplyError as refusal:
             self.refused += 1
-            return Reply(False, reply_text("refused", code=refusal.code))
+            return Reply(False, exception_text(refusal.code))
         except ModbusClientError:
             self.refused += 1
             return Reply(False, reply_text("unsure"))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from pymodbus.constants import ExcCodes
+
 from controller.hmi.panel.orders.login import AccessLevel
 from controller.program.texts.operator import Text
 
@@ -58,6 +60,10 @@ REPLIES: Final = {
     "refused": Text(
         "refused by the controller (Modbus exception {code:02d})", "被控制器拒绝（Modbus 异常码 {code:02d}）"
     ),
+    "no scan": Text(
+        "not executed: the controller does not scan; it is paused or stopping",
+        "未执行：控制器未在扫描，已暂停或正在停止",
+    ),
     "no command": Text("unknown command {name!r}", "未知命令 {name!r}"),
     "jog only": Text("this output can only be jogged", "此输出只能点动操作"),
     "no set-point": Text("unknown set-point {name!r}", "未知设定值 {name!r}"),
@@ -100,6 +106,11 @@ def reply_text(key: str, **values: object) -> Text:
     """Return a reply with its placeholders filled in."""
     text = REPLIES[key]
     return Text(text.en.format(**values), text.zh.format(**values)) if values else text
+
+
+def exception_text(code: int) -> Text:
+    """Return the reply to an order that the controller refused with a Modbus exception."""
+    return reply_text("no scan") if code == ExcCodes.DEVICE_BUSY else reply_text("refused", code=code)
 
 
 def level_text(level: AccessLevel) -> Text:

@@ -90,9 +90,9 @@ class TrendFile:
 
     def append(self, names: Sequence[str], rows: Iterable[TrendPeriod]) -> bool:
         """Add periods and delete the oldest ones; return whether they have been written."""
-        lines = [(row.utc_ms, row.for_ms, _spreads(names, row)) for row in rows]
 
         def write(db: sqlite3.Connection) -> bool:
+            lines = ((row.utc_ms, row.for_ms, _spreads(names, row)) for row in rows)
             with db:
                 db.executemany("INSERT INTO periods (utc_ms, for_ms, spreads) VALUES (?, ?, ?)", lines)
                 db.execute("DELETE FROM periods WHERE id <= (SELECT max(id) FROM periods) - ?", (self._most_rows,))

@@ -62,6 +62,11 @@ class TrendRing:
         """Drop the newest period."""
         self._count -= 1
 
+    def drop_oldest(self, count: int) -> None:
+        """Drop the oldest periods, as many as stated."""
+        self._first = self._slot(count)
+        self._count -= count
+
     def copy(self) -> TrendRing:
         """Return a copy, which another thread can read."""
         copied = TrendRing(0, 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
@@ -73,7 +73,8 @@ class Trends:
         self._periods = TrendRing(len(self._names), MOST_PERIODS)
         for period in stored:
             self._periods.append(period)
-        self._unwritten: deque[TrendPeriod] = deque(maxlen=MOST_PERIODS)
+        self._unwritten = TrendRing(len(self._names), MOST_PERIODS if file else 0)
+        """Periods that are not yet in the file; while it cannot be written, the oldest ones are lost after a day."""
         self._writing = asyncio.Lock()
 
     def sample(self) -> None:
@@ -97,10 +98,9 @@ class Trends:
     async def write(self) -> None:
         """Write the periods that are not yet in the file."""
         async with self._writing:
-            rows = list(self._unwritten)
+            rows = self._unwritten.copy()
             if rows and self._file is not None and await in_thread("trend file", self._file.append, self._names, rows):
-                for _ in rows:
-                    self._unwritten.popleft()
+                self._unwritten.drop_oldest(len(rows))
 
     async def close(self) -> None:
         """End the period, write it and close the file; what is recorded afterwards is not written."""
@@ -172,7 +172,8 @@ class Trends:
             self._open.clear()
             self._periods.append(period)
             if self._file is not None:
-                drop("trends", len(self._unwritten) == self._unwritten.maxlen)
+                if len(self._unwritten) == MOST_PERIODS:
+                    drop("trends")
                 self._unwritten.append(period)
 
     def _drop_from(self, now_ms: int) -> None:

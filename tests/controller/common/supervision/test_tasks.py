@@ -21,6 +21,7 @@ from controller.common.supervision.threads import CALLS, THREADS, in_thread
 from controller.hmi.serving import server as device_server
 from controller.hmi.serving.endpoints import EndpointNames, TcpEndpoint, TcpSettings
 from controller.hmi.serving.server import DeviceServer
+from controller.io.scan_writes import ScanWrites
 from tests.controller.common.asyncio_rig import SimulatedLoop, run
 from tests.controller.common.supervision.failure_rig import DefectError, drawn, fresh_counts
 from tests.controller.common.supervision.source_calls import HOUSE, STARTS_TASKS, calls_in, source_calls
@@ -156,7 +157,7 @@ def device_server_on(
 ) -> Iterator[Callable[[], socket.socket]]:
     """Run a device server, and yield a function that connects a client."""
     endpoint = TcpEndpoint(session_for, TcpSettings("127.0.0.1", 0), NAMES)
-    with ExitStack() as stack, DeviceServer([endpoint], every_minute):
+    with ExitStack() as stack, DeviceServer([endpoint], ScanWrites(), every_minute):
         yield lambda: stack.enter_context(socket.create_connection(("127.0.0.1", endpoint.port), WAIT_S))
 
 

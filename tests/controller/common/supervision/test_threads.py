@@ -25,6 +25,7 @@ from controller.history.file import HistoryFile, HistoryRow
 from controller.history.writer import HistoryWriter
 from controller.hmi.console import Console, ConsoleReader
 from controller.hmi.serving.server import DeviceServer
+from controller.io.scan_writes import ScanWrites
 from plant_sim.links.server_thread import ServerThread
 from plant_sim.twin.process import Process
 from tests.controller.common.supervision.failure_rig import DefectError, FailsOnce, drawn, fresh_counts, patch
@@ -160,7 +161,7 @@ def test_the_machine_works_on_without_the_device_server(
         raise DefectError
 
     monkeypatch.setattr(DeviceServer, "_serve", failing)
-    server = DeviceServer([], lambda: None)
+    server = DeviceServer([], ScanWrites())
     server._thread.start()
     server._thread.join(WAIT_S)
     assert "thread device server: the part ends; the process works on without it" in caplog.text

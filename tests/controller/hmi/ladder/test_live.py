@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pyModbusTCP.client import ModbusClient  # type: ignore[import-untyped]
@@ -22,11 +23,12 @@ from controller.common.mitsubishi.requests import RefusedError, RemoteRun, Remot
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.cpu_model import FX3U
 from controller.fx.language.il import read_il
-from controller.hmi.ladder.live import MAX_WRITES, LivePlc, LiveSession
+from controller.hmi.ladder.live import LivePlc, LiveSession
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
 from controller.hmi.serving.devices import AccessRefusal, AccessRefusedError
 from plant_sim.twin.process import Process
 from tests.controller.common.modbus_rig import PATIENT_S
+from tests.controller.hmi.scan_rig import carried_out
 from tests.controller.io.test_rtu import Master
 
 D = Device.parsed
@@ -46,6 +48,9 @@ class LiveRig:
             self.live.scan(self.now_ms)
             self.now_ms += 10
 
+    def write(self, write: Coroutine[Any, None, None]) -> None:
+        carried_out(write, self.scan)
+
 
 @pytest.fixture
 def rig() -> LiveRig:
@@ -60,8 +65,8 @@ def test_nothing_is_read_before_the_first_scan(rig: LiveRig) -> None:
 
 def test_an_input_keeps_its_level_and_an_output_is_driven_again(rig: LiveRig) -> None:
     rig.scan()
-    rig.session.write_bits([(D("X10"), True), (D("Y10"), False)])
-    assert rig.session.read_bits(D("X10"), 1) == [False], "the write waits for the next scan"
+    rig.write(rig.session.write_bits([(D("X10"), True), (D("Y10"), False)]))
+    assert rig.session.read_bits(D("X10"), 1) == [True]
     rig.scan(60)
     assert rig.session.read_bits(D("X7"), 3) == [False, True, False]
     assert rig.session.read_bits(D("Y10"), 1) == [True]
@@ -70,8 +75,7 @@ def test_an_input_keeps_its_level_and_an_output_is_driven_again(rig: LiveRig) ->
 
 
 def test_words_are_unsigned_outside_and_signed_inside(rig: LiveRig) -> None:
-    rig.session.write_words([(D("D10"), 0xFFFE), (D("CN200"), 0xFFFF_FFFD), (D("TN5"), 7)])
-    rig.scan()
+    rig.write(rig.session.write_words([(D("D10"), 0xFFFE), (D("CN200"), 0xFFFF_FFFD), (D("TN5"), 7)]))
     memory = rig.live.plc.memory
     assert (memory.D[10], memory.CV[200], memory.TV[5]) == (-2, -3, 7)
     assert rig.session.read_words(D("D10"), 1) == [0xFFFE]
@@ -87,47 +91,35 @@ def test_words_are_unsigned_outside_and_signed_inside(rig: LiveRig) -> None:
     ],
 )
 def test_a_write_to_a_device_that_does_not_exist_is_refused_as_a_whole(
-    rig: LiveRig, write: Callable[[LiveSession], None]
+    rig: LiveRig, write: Callable[[LiveSession], Coroutine[Any, None, None]]
 ) -> None:
     with pytest.raises(AccessRefusedError) as error:
-        write(rig.session)
+        rig.write(write(rig.session))
     assert error.value.refusal is AccessRefusal.NO_DEVICE
     rig.scan()
     assert not rig.live.plc.memory.M[0]
     assert rig.live.plc.memory.D[0] == 1
 
 
-def test_writes_beyond_the_limit_of_a_scan_are_refused(rig: LiveRig) -> None:
-    """Otherwise one client fills the memory between two slow scans."""
+def test_a_write_is_settled_when_its_scan_can_be_read(rig: LiveRig) -> None:
     rig.scan()
-    for value in range(MAX_WRITES):
-        rig.session.write_words([(D("D5"), value)])
-    refused: list[Callable[[], None]] = [
-        lambda: rig.session.write_words([(D("D5"), 0)]),
-        lambda: rig.session.write_bits([(D("M0"), True)]),
-        lambda: rig.session.set_running(running=False),
-    ]
-    for write in refused:
-        with pytest.raises(AccessRefusedError) as error:
-            write()
-        assert error.value.refusal is AccessRefusal.NOT_READY
+    shown: list[list[int]] = []
+    write = rig.live.writes.submit(lambda: rig.live.put_words([(D("D10"), 7)]))
+    write.when_settled(lambda: shown.append(rig.session.read_words(D("D10"), 1)))
     rig.scan()
-    assert rig.session.read_words(D("D5"), 1) == [MAX_WRITES - 1]
-    rig.session.write_words([(D("D5"), 7)])
+    assert shown == [[7]]
 
 
 def test_stop_turns_the_outputs_off_and_run_starts_again(rig: LiveRig) -> None:
-    rig.session.write_bits([(D("X10"), True)])
+    rig.write(rig.session.write_bits([(D("X10"), True)]))
     rig.scan(3)
-    rig.session.set_running(running=False)
-    rig.scan()
+    rig.write(rig.session.set_running(running=False))
     assert not rig.session.is_running
     assert rig.session.read_bits(D("Y10"), 1) == [False]
     counted = rig.session.read_words(D("D0"), 1)
     rig.scan(5)
     assert rig.session.read_words(D("D0"), 1) == counted
-    rig.session.set_running(running=True)
-    rig.scan()
+    rig.write(rig.session.set_running(running=True))
     assert rig.session.read_bits(D("Y10"), 1) == [True]
 
 
@@ -135,8 +127,8 @@ def test_the_devices_of_an_fx3u_are_accessible() -> None:
     live = LivePlc(FxPlc(read_il("LD M7013\nOUT Y0\nLD T511\nOUT S4095\nEND\n", cpu=FX3U), input_filter_ms=0))
     session = live.session("test")
     live.scan(0)
-    session.write_bits([(D("M7013"), True), (D("M7679"), True), (D("S4095"), True)])
-    live.scan(10)
+    bits = [(D("M7013"), True), (D("M7679"), True), (D("S4095"), True)]
+    carried_out(session.write_bits(bits), lambda: live.scan(10))
     assert session.read_bits(D("Y0"), 1) == [True]
     assert session.read_bits(D("M7679"), 1) == [True]
     for first, number in (("M7680", 1), ("M7679", 2), ("S4096", 1), ("T512", 1)):

@@ -23,6 +23,7 @@ from controller.hmi.modbus.endpoint import HmiOptions
 from controller.hmi.serving.endpoints import ServerError
 from tests.controller.common.modbus_rig import PATIENT_S
 from tests.controller.hmi.hmi_rig import HmiRig, until
+from tests.controller.hmi.scan_rig import answered, carried_out
 from tests.controller.io.test_rtu import Master
 from tests.controller.program.modes.hands import jog_command, to_manual
 
@@ -86,12 +87,11 @@ def test_the_next_partner_on_a_line_does_not_inherit_the_name_of_the_operator() 
     with HmiRig() as rig:
         session = rig.server.access.session("line")
         acknowledge = Device("M", rig.twin.machine.tags.commands["acknowledge"].number)
-        session.write_words(
-            [(Device("R", R_NAME + index), word) for index, word in enumerate([0x416E, 0x6E00, *[0] * 6])]
-        )
-        session.write_bits([(acknowledge, True)])
+        name = [(Device("R", R_NAME + index), word) for index, word in enumerate([0x416E, 0x6E00, *[0] * 6])]
+        carried_out(session.write_words(name), rig.twin.scan)
+        carried_out(session.write_bits([(acknowledge, True)]), rig.twin.scan)
         session.on_disconnect()
-        session.write_bits([(acknowledge, True)])
+        carried_out(session.write_bits([(acknowledge, True)]), rig.twin.scan)
         assert [row[1] for row in rig.audits] == ["Ann", ""]
 
 
@@ -101,11 +101,11 @@ def test_a_jog_is_renewed_by_requests_but_not_by_damaged_frames(*, damaged: bool
         rig.twin.run_for(100)
         to_manual(rig.twin)
         port = PortSession(rig.server.access.session("line"))
-        assert port.feed(jog(rig, jog_command(JOG))) == ACK
+        assert answered(port, jog(rig, jog_command(JOG)), rig.twin.scan) == ACK
         rig.twin.run_for(JOG_LIMIT_MS // 2)
         assert rig.coil(JOG)
         for _ in range(4):
-            answer = port.feed(READ_D8001[:-1] + b"?" if damaged else READ_D8001)
+            answer = answered(port, READ_D8001[:-1] + b"?" if damaged else READ_D8001, rig.twin.scan)
             assert answer == (NAK if damaged else MODEL)
             rig.twin.run_for(JOG_LIMIT_MS // 2)
         assert rig.coil(JOG) != damaged

@@ -23,6 +23,7 @@ from controller.hmi.ladder.live import LivePlc
 from controller.hmi.mitsubishi.port_session import PortSession
 from tests.controller.common.mitsubishi.test_port_frames import telegrams
 from tests.controller.hmi.hmi_rig import HmiRig
+from tests.controller.hmi.scan_rig import answered, carried_out
 from tests.controller.hmi.test_writes import record_commands
 
 ACK, NAK = b"\x06", b"\x15"
@@ -45,9 +46,12 @@ class PortRig:
             self.now_ms += 10
 
     def ask(self, request: ReadMemory | WriteMemory | ForceBit) -> bytes:
-        answer = self.port.feed(encode_request(request))
+        answer = self.feed(encode_request(request))
         self.scan()
         return answer
+
+    def feed(self, data: bytes) -> bytes:
+        return answered(self.port, data, self.scan)
 
     def read(self, space: Space, device: str, count: int) -> bytes:
         return decode_bytes(self.ask(ReadMemory(space, address_of(space, D(device)), count)))
@@ -69,23 +73,22 @@ MONITORING = [
 
 def test_gx_works2_is_answered_as_in_the_recording_with_the_model_of_an_fx2n(rig: PortRig) -> None:
     """Connecting and monitoring in STOP: same answers, except for the values of D8000-D8127."""
-    rig.live.session("test").set_running(running=False)
-    rig.scan()
+    carried_out(rig.live.session("test").set_running(running=False), rig.scan)
     assert len(MONITORING) == 18
-    assert rig.port.feed(b"\x05") == ACK
+    assert rig.feed(b"\x05") == ACK
     for source, sent, received in MONITORING:
-        answer = rig.port.feed(sent)
+        answer = rig.feed(sent)
         if sent.startswith(b"\x02E000E"):
             assert len(answer) == len(received), source
         else:
             assert answer == received, (source, sent)
-    registers = decode_bytes(rig.port.feed(encode(b"E000E0040")))
+    registers = decode_bytes(rig.feed(encode(b"E000E0040")))
     assert registers[:6] == bytes.fromhex("C800245E0800"), "watchdog 200 ms, model 24100, 8 thousand steps"
 
 
 def test_requests_that_need_the_program_are_refused(rig: PortRig) -> None:
     for text in (b"E01805CFE", b"E11805E020FB4", b"E41805C0F00", b"B", b"EC39427B1F1", b"F501108006", b"2"):
-        assert rig.port.feed(encode(text)) == NAK
+        assert rig.feed(encode(text)) == NAK
 
 
 @pytest.mark.parametrize("space", ["basic", "extended"])
@@ -161,19 +164,19 @@ def test_addresses_without_a_device_are_refused(rig: PortRig, request_: ReadMemo
 
 def test_a_damaged_frame_is_refused_and_the_next_is_answered(rig: PortRig) -> None:
     good = encode(b"00E0202")
-    assert rig.port.feed(good[:-1] + b"0" + good) == NAK + FX2N_MODEL
+    assert rig.feed(good[:-1] + b"0" + good) == NAK + FX2N_MODEL
 
 
 def test_frames_are_found_in_pieces_and_after_noise(rig: PortRig) -> None:
     good = encode(b"00E0202")
-    answers = [rig.port.feed(bytes([byte])) for byte in b"\xff\x00A" + good]
+    answers = [rig.feed(bytes([byte])) for byte in b"\xff\x00A" + good]
     assert b"".join(answers) == FX2N_MODEL
-    assert rig.port.feed(good[:6] + good) == FX2N_MODEL, "a cut frame is dropped when the next one starts"
-    assert rig.port.feed(b"\x02" + b"0" * 2_000) == b""
-    assert rig.port.feed(good) == FX2N_MODEL
-    rig.port.feed(good[:6])
+    assert rig.feed(good[:6] + good) == FX2N_MODEL, "a cut frame is dropped when the next one starts"
+    assert rig.feed(b"\x02" + b"0" * 2_000) == b""
+    assert rig.feed(good) == FX2N_MODEL
+    rig.feed(good[:6])
     rig.port.discard()
-    assert rig.port.feed(good[6:] + good) == FX2N_MODEL
+    assert rig.feed(good[6:] + good) == FX2N_MODEL
 
 
 def test_mutated_frames_do_no_harm(rig: PortRig) -> None:
@@ -186,10 +189,10 @@ def test_mutated_frames_do_no_harm(rig: PortRig) -> None:
             position = generator.randrange(len(data))
             data[position : position + generator.randint(0, 2)] = generator.randbytes(generator.randint(0, 2))
             data += b"" if data else b"\x02"
-        answer = rig.port.feed(bytes(data))
+        answer = rig.feed(bytes(data))
         assert set(answer[:1]) <= {0x02, 0x05, 0x06, 0x15}
         rig.port.discard()
-        assert rig.port.feed(encode(b"00E0202")) == FX2N_MODEL
+        assert rig.feed(encode(b"00E0202")) == FX2N_MODEL
 
 
 # --- the machine's program, with a whitelist --------------------------------------------------------
@@ -203,13 +206,12 @@ def test_the_whitelist_of_the_machine_applies_to_forces_and_writes() -> None:
         seen = record_commands(hmi)
 
         def ask(request: ReadMemory | WriteMemory | ForceBit) -> bytes:
-            return port.feed(encode_request(request))
+            return answered(port, encode_request(request), hmi.twin.scan)
 
         for space in ("basic", "extended"):
             assert ask(WriteMemory(space, address_of(space, target), b"\x07\x00")) == ACK
             acknowledge = Device("M", tags.commands["acknowledge"].number)
             assert ask(ForceBit(space, bit_number(space, acknowledge), level=True)) == ACK
-            hmi.twin.scan()
             assert seen[-1] == {"acknowledge"}
             assert hmi.twin.plc.memory.D[target.number] == 7
             before = (hmi.twin.plc.memory.Y.copy(), hmi.twin.plc.memory.D.copy(), hmi.twin.plc.memory.M.copy())

@@ -265,7 +265,7 @@ def test_every_kind_of_device_is_read_and_written(stack: Stack) -> None:
         until_bits(stack, "X11", [False])
     until_bits(stack, "C0", [True])
     assert stack.write_bits("M10", [True])
-    until_words(stack, "D10", [-5, -5])
+    assert stack.words("D10", 2) == [-5, -5]
 
 
 # --- the machine's program, with a whitelist --------------------------------------------------------
@@ -308,11 +308,10 @@ def test_the_machine_is_read_and_commanded_but_not_otherwise_written(machine_por
             assert not stack.write_bits(other, [True]), other
         for other in ("D100", "TN0", "CN0", "D8010"):
             assert not stack.write_words(other, [1]), other
-        value = 3 + len(name) % 5
-        assert stack.write_words(target, [value])
-        until_words(stack, target, [value])
+        for value in range(3, 23):
+            assert stack.write_words(target, [value])
+            assert stack.words(target, 1) == [value]
         assert not stack.write_words(target, [30_000])
         refusals = stack.words(f"D{tags.machine.refusals.number}", 1)[0]
         assert stack.write_bits(f"M{tags.commands['suspend'].number}", [True])  # refused by the program in this state
-        until_words(stack, f"D{tags.machine.refusals.number}", [refusals + 1])
-        assert stack.words(target, 1) == [value]
+        assert stack.words(f"D{tags.machine.refusals.number}", 1) == [refusals + 1]

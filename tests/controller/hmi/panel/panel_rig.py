@@ -132,6 +132,7 @@ class PanelRig:
         request_ms: int = REQUEST_MS,
     ) -> None:
         self.hmi = HmiRig(twin, pace=pace, allow_forcing=allow_forcing)
+        self.hmi.scans_for_writes = False
         self.twin = self.hmi.twin
         self.users_file = folder / "users.json"
         users = Users(self.users_file, CHEAP)
@@ -224,6 +225,12 @@ class PanelRig:
                     return scan
                 assert self._scanned.wait(TIMEOUT_S), "no scan"
         raise AssertionError(f"condition not met after {scans} scans; {self.twin.situation()}")
+
+    @contextmanager
+    def without_scans(self) -> Iterator[None]:
+        """Let no scan take place."""
+        with self._scanned:
+            yield
 
     def for_scans(self, scans: int) -> None:
         """Wait for a number of scans."""

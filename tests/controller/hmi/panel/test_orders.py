@@ -207,6 +207,17 @@ def test_simulated_time_is_paused_and_sped_up(tmp_path: Path) -> None:
         assert pace.percent == 100
 
 
+def test_without_a_scan_an_order_is_not_executed(rig: PanelRig) -> None:
+    with rig.browser("operate") as browser:
+        for order in ({"type": "command", "command": "mode_manual"}, {"type": "set", "name": "settle", "value": 33}):
+            with rig.without_scans():
+                assert english(browser.order(**order)).startswith("not executed: the controller does not scan")
+        rig.for_scans(5)
+    machine = rig.twin.machine.tags
+    assert rig.twin.plc.read(machine.machine.mode) == Mode.CONTINUOUS
+    assert rig.twin.plc.read(machine.sp.settle) != 33
+
+
 def test_inputs_are_forced_only_where_and_when_allowed(tmp_path: Path) -> None:
     order = {"type": "force", "point": "X22", "level": 1}
     with PanelRig(tmp_path) as rig, rig.browser("maintain") as browser:

@@ -64,13 +64,12 @@ class ReportingFile(TrendFile):
 
 def test_ended_periods_are_written_periodically(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trends, "WRITE_MS", 1)
-    recorder = Recorder()
+    recorder = Recorder(path)
     recorder.record([390.0] * 325)
     periods = list(recorder.trends._periods)
 
     async def run() -> None:
         recorder.trends._file = file = ReportingFile(path)
-        recorder.trends._unwritten.extend(periods)
         task = asyncio.create_task(recorder.trends.run())
         await asyncio.wait_for(file.written.wait(), 60)
         task.cancel()
@@ -249,3 +248,18 @@ def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
     recorder.record([390.0] * 100)
     recorder.close()
     assert known(values(recorder.answer(SAMPLED_MS))["mean"]) == [390.0] * 10
+
+
+def test_the_latest_periods_are_written_once_a_disk_that_failed_for_long_works(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trends, "MOST_PERIODS", 3)
+    path.parent.write_text("")
+    recorder = Recorder(path)
+    recorder.record([390.0] * 6, every_ms=PERIOD_MS)
+    recorder.write()
+    path.parent.unlink()
+    recorder.write()
+    recorder.record([390.0] * 2, every_ms=PERIOD_MS)
+    recorder.close()
+    assert stored(path) == [NOON_MS + n * PERIOD_MS for n in range(2, 8)]

@@ -24,9 +24,14 @@ def test_it_has_the_periods_of_a_deque_after_any_changes() -> None:
     ring, expected = TrendRing(SERIES, MOST), deque[TrendPeriod](maxlen=MOST)
     copies = []
     for number in range(2_000):
-        if expected and drawn.random() < 0.3:
+        change = drawn.random()
+        if expected and change < 0.3:
             ring.drop_newest()
             expected.pop()
+        elif change < 0.35:
+            count = drawn.randint(0, len(expected))
+            ring.drop_oldest(count)
+            expected = deque([*expected][count:], MOST)
         else:
             ring.append(added := period(number, drawn))
             expected.append(added)

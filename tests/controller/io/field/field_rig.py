@@ -69,7 +69,13 @@ class FieldRig:
     """
 
     def __init__(
-        self, path: Path, boxes: list[Box], io_map: IoMap = IO_MAP, language: Language = "en", wait_ms: int = 0
+        self,
+        path: Path,
+        boxes: list[Box],
+        io_map: IoMap = IO_MAP,
+        language: Language = "en",
+        wait_ms: int = 0,
+        scan_ms: int | None = None,
     ) -> None:
         self.io_map = io_map
         self.boxes = boxes
@@ -89,7 +95,7 @@ class FieldRig:
         )
         self.events: list[FieldEvent] = []
         self.alarms: list[AlarmEvent] = []
-        report = FieldReport(self.link, self.machine, self.events.append, language)
+        report = FieldReport(self.link, self.machine, self.events.append, language, scan_ms=scan_ms)
 
         def publish(event: Event | AlarmChange) -> None:
             named = report.named(event)

@@ -119,6 +119,7 @@ class Coupler(Box):
         trips: Number of trips.
         is_tripped: True until the trip is reset.
         writes: Values written to the registers other than outputs, in order.
+        model: Registers by table and offset in which it reports its model.
     """
 
     outputs_at = 0x0000
@@ -130,6 +131,7 @@ class Coupler(Box):
         self.is_tripped = self.is_armed = False
         self.left_ms = 0
         self.writes: list[tuple[int, int]] = []
+        self.model: dict[str, dict[int, int]] = {}
 
     def advance(self, for_ms: int) -> None:
         with self.lock:
@@ -146,6 +148,8 @@ class Coupler(Box):
     def read(self, table: str, offset: int) -> int:
         if offset < POINTS // 16:
             return word_of(self.inputs, offset)
+        if offset in self.model.get(table, {}):
+            return self.model[table][offset]
         if table == "hr" and offset in self.settings():
             return self.settings()[offset]
         raise KeyError(offset)
@@ -189,6 +193,9 @@ class Beckhoff(Coupler):
         self.has_lock = has_lock
         self.owner: object = None
         self.time_ms, self.kind, self.fallback, self.write_lock = 1_000, 1, 1, 0
+        text = b"EK9000\0\0\0\0\0\0\0\0" if has_lock else b"BK9000\0\0\0\0\0\0\0\0"
+        words = struct.unpack("<7H", text)  # the order of the bytes is assumed; the controller only compares them
+        self.model = {"ir": {0x1000 + n: word for n, word in enumerate(words)}}
         self._code = 0
 
     def settings(self) -> dict[int, int]:
@@ -243,6 +250,7 @@ class Wago(Coupler):
     def __init__(self) -> None:
         super().__init__()
         self.time_units, self.mask, self.trigger = 0, 0, 0
+        self.model = {"hr": {0x2011: 750, 0x2012: 352}}
 
     def settings(self) -> dict[int, int]:
         status = 2 if self.is_tripped else int(self.is_armed)

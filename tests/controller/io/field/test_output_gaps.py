@@ -44,12 +44,6 @@ WATCHDOG_MS = 60
 """Shorter than the limit of the link, which does not notice such a gap."""
 
 
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
-
-
 @contextmanager
 def pseudo_terminal() -> Iterator[TextIO]:
     """Return the end of a pseudo-terminal that a program has as standard input."""
@@ -83,6 +77,7 @@ def test_a_gap_with_all_outputs_off_aborts_until_a_person_acts(over_ms: int, sta
     assert [event.change for event in rig.events] == ["gap"] * over_ms
     if not over_ms:
         return
+    assert [alarm.text.partition(": ")[2] for alarm in rig.alarms] == [rig.link.devices[0].label]
     rig.order("reset")
     rig.scan(300)
     assert (rig.is_aborted, any(box.outputs)) == (True, False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -51,12 +50,6 @@ class PackedBox(Coupler):
 
     def settings(self) -> dict[int, int]:
         return {16 + n: word_of(self.outputs, n) for n in range(4)}
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
 
 
 def rig_of(stack: ExitStack, folder: Path, profile: str, box: Box) -> tuple[FieldRig, TcpModule]:

@@ -30,12 +30,6 @@ BACK_MS = 500
 """Time from the return of a device to its use, ms (issue)."""
 
 
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
-
-
 LINES = "lines:\n  - {name: bus, device: %s, baud: 115200, frame: 8N1}\n"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -40,12 +39,6 @@ BACK_MS = 500
 """Time from the return of a device to its use, ms (issue)."""
 HALF = len(OUTPUT_TAGS) // 2
 WATCHDOG = "watchdog_ms: 6000"
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
 
 
 class Field:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import ssl
 import threading
-from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -27,12 +26,6 @@ from tests.controller.io.field.field_rig import (
 )
 from tests.controller.io.field.modules import Box
 from tests.controller.io.field.servers import TcpModule
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
 
 
 class Security:

@@ -298,6 +298,7 @@ def test_a_leak_of_closed_claws_is_told_on_the_way() -> None:
 # --- export ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_the_inputs_take_less_than_250_steps() -> None:
     sizes = [usage(export(acting(build(io_map).program))).steps for io_map in (DELIVERED, ALL)]
     assert 0 < sizes[1] - sizes[0] <= 250

@@ -131,6 +131,7 @@ def test_the_shared_proof_of_the_original_program_has_no_violation() -> None:
     assert proof().blocked_way_out(MACHINE.program) == ""
 
 
+@pytest.mark.nightly
 def test_a_preset_changes_durations_only() -> None:
     name = "buttons and commands: OUT jog lease: 600 ms instead of 300 ms"
     assert proof().differs_in_time_only(mutants()[name].program)

@@ -43,6 +43,7 @@ def assert_equal(module: IoModule, expected: Reference) -> None:
     assert module.plant.state.tobytes() == expected.state
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", first_of(MODBUS))
 def test_a_program_behind_a_modbus_tcp_server_drives_the_machine_like_the_twin(name: str) -> None:
     profile, expected = profile_of(name), reference()

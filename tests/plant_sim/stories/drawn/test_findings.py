@@ -112,6 +112,7 @@ def test_a_known_cause_still_does_harm(known: KnownHarm) -> None:
     assert not known.kinds & {*others} or "double" in others  # the other fault of a story of two does other harm
 
 
+@pytest.mark.nightly
 def test_ground_pulses_tell_a_false_cup_pulse_at_standstill() -> None:
     [known] = [each for each in KNOWN if each.part == "cup_pulse"]
     player = StoryPlayer(build(wired("ground_pulse")), PARAMETERS)
@@ -182,6 +183,7 @@ def test_the_class_of_a_harm(story: PlayedStory, expected: HarmClass) -> None:
     assert judge().of_played(story).of_story is expected
 
 
+@pytest.mark.nightly
 def test_silent_harm_that_an_order_hides_is_found() -> None:
     """An order before it would excuse it; the story is played again without the order."""
     strict = StoryJudge(StoryPlayer(MACHINE, PARAMETERS), accepted_harm)

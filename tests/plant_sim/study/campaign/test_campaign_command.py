@@ -103,6 +103,7 @@ def test_duckdb_and_pandas_read_the_folder(undisturbed: Path) -> None:
     assert sum(count for _, count, _ in expected) == SMALL_RUNS
 
 
+@pytest.mark.nightly
 def test_the_program_of_the_guide_reads_the_folder(undisturbed: Path, tmp_path: Path) -> None:
     page = (DOCS / "campaigns.md").read_text(encoding="utf-8")
     program = page.partition("```python\n")[2].partition("```")[0]
@@ -138,6 +139,7 @@ def interrupted(file: Path, out: Path) -> Iterator[subprocess.Popen[str]]:
         yield process
 
 
+@pytest.mark.nightly
 def test_kill_9_loses_no_run_and_repeats_none(long_table: list[dict[str, Any]], tmp_path: Path) -> None:
     """The process is killed when some files exist; its worker processes end, and one process completes the campaign."""
     file, out = written(tmp_path), tmp_path / "out"

@@ -613,6 +613,7 @@ def run_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", first_of(["pepper-rsm", "pepper-single"]))
 def test_the_command_runs_the_twin(capsys: pytest.CaptureFixture[str], name: str) -> None:
     """With 24 seedlings per trial, every rate is a multiple of 1/24, and every loss has a reason."""

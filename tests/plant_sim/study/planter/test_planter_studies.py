@@ -117,6 +117,7 @@ def test_openers_without_the_verdict_of_the_paper_are_named(
     assert sentence.format(have) in "".join(part for part in parts if isinstance(part, str))
 
 
+@pytest.mark.nightly
 def test_release_study_draws_the_window(tmp_path: Path) -> None:
     tables = {kind: default_table(kind) for kind in Ground}
     with pytest.MonkeyPatch.context() as patch:

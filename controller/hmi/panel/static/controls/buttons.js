@@ -120,7 +120,7 @@ class Question {
 
 const holding = new Set();
 
-/** Release all hold-to-run buttons of the page, and show why presses that were too short had no effect; empty: nothing. */
+/** Release all hold-to-run buttons of the page, and show why their presses have ended; empty: nothing. */
 export function releaseAll(reason = "") {
   [...holding].forEach((hold) => hold.end(reason));
 }
@@ -244,10 +244,10 @@ export function jogButton(label, output, data = {}, told = () => {}) {
       }, TOUCH_MS);
     },
     end: (button, reason) => {
+      tellEnd(reason ?? (first === null ? "" : t("touch.short")), press);
       if (first !== null) {
         window.clearTimeout(first);
         first = null;
-        tooShort(reason ?? t("touch.short"), press);
         return;
       }
       window.clearInterval(renewal);
@@ -256,8 +256,8 @@ export function jogButton(label, output, data = {}, told = () => {}) {
   });
 }
 
-/** Show why a press that was too short had no effect; an empty reason is shown nowhere. */
-function tooShort(reason, press) {
+/** Show why a press has ended without its effect, or without its release; an empty reason is shown nowhere. */
+function tellEnd(reason, press) {
   if (reason !== "") app.notice(reason, false, press);
 }
 
@@ -295,7 +295,7 @@ export class AnswerButton {
     if (this.answering === null) return;
     window.clearTimeout(this.answering);
     this.answering = null;
-    tooShort(reason, this.press);
+    tellEnd(reason, this.press);
   }
 }
 

@@ -10,6 +10,7 @@ from typing import Final
 import pytest
 from playwright.sync_api import Browser, expect
 
+from controller.hmi.panel.view import texts
 from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.texts.interlocks import RULES
 from tests.controller.hmi.panel.page.panel_page_rig import SCAN_MS, PanelProcess
@@ -106,6 +107,7 @@ def test_a_held_button_tells_why_its_output_stays_off(manual: Station, browser: 
         expect(reason).to_be_empty()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("loss", first_of(["panel frozen", "page closed", "panel killed"]))
 def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, browser: Browser, loss: str) -> None:
     live = manual.live
@@ -131,6 +133,39 @@ def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, bro
         # the last request may still be in transit and take effect one scan later
         assert live.last_on_ms(OUTPUT) - lost_ms <= JOG_LEASE_MS + 2 * SCAN_MS
         screen.unexpected.clear()  # the browser reports the closed socket of a killed panel
+
+
+END_WITHOUT_RELEASE: Final = """async () => {
+  const { app } = await import("/static/app.js");
+  const { jogButton } = await import("/static/controls/buttons.js");
+  const line = document.querySelector("[data-part=notice]");
+  const seen = [];
+  for (const end of ["end", "drop", "end"]) {
+    const sent = [];
+    app.link.order = (message) => new Promise(() => sent.push(message.hold));
+    const button = jogButton("jog", "left.lift_retract");
+    button.why = null;
+    button.start();
+    while (sent.length === 0) await new Promise((next) => setTimeout(next, 10));
+    if (end === "drop") app.link.dispatchEvent(new Event("drop"));
+    button.end();
+    seen.push([sent.at(-1), line.textContent]);
+    app.pressed(button);
+  }
+  return seen;
+}"""
+"""Script that releases a jog, loses the connection in another one, and releases a third; returns their last orders and
+the notices.
+"""
+
+
+def test_a_jog_that_the_page_ends_names_the_reason(manual: Station, browser: Browser) -> None:
+    """A page without live data ends the jog; a release needs no reason."""
+    with Screen(browser, manual.panel.url, "maintain", patient=True) as screen:
+        ready_to_jog(screen, manual.live)
+        expect(screen.find("[data-part=notice]")).to_be_empty()
+        seen = screen.page.evaluate(END_WITHOUT_RELEASE)
+        assert seen == [[False, ""], [False, f"✕ {texts.TEXTS['why.stale'].en}"], [False, ""]]
 
 
 @pytest.mark.nightly

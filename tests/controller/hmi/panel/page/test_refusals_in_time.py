@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from random import Random
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import pytest
 from playwright.sync_api import Browser, expect
+from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
 from controller.core.devices import Memory
 from controller.core.expr import Bit, Word, evaluate, leaves
@@ -22,6 +23,7 @@ from controller.program.states import Mode, State
 from controller.program.texts.operator import LANGUAGES, Text
 from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine
 from tests.controller.hmi.panel.page.screen import (
+    TIMEOUT_MS,
     Screen,
     Station,
     clear,
@@ -49,15 +51,15 @@ NOT_IN_MANUAL_MODE: Final = {"no arm fault", "no feeder fault"}
 
 @pytest.fixture(scope="module")
 def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
-    """Yield a machine with its panel; each test must leave it without alarms."""
-    with started(tmp_path_factory.mktemp("refusals")) as station:
+    """Yield a machine with its panel, which is patient; each test must leave it without alarms."""
+    with started(tmp_path_factory.mktemp("refusals"), slow=True) as station:
         yield station
 
 
 @pytest.fixture(scope="module")
 def maintain(station: Station, browser: Browser) -> Iterator[Screen]:
     """Yield the page of a maintainer; each test must leave it in English."""
-    with Screen(browser, station.panel.url, "maintain") as screen:
+    with Screen(browser, station.panel.url, "maintain", patient=True) as screen:
         yield screen
 
 
@@ -141,7 +143,9 @@ TIME_A_PRESS: Final = """async (output) => {
   const { app } = await import("/static/app.js");
   const button = document.querySelector(`main [data-jog='${output}']`);
   const reason = button.closest(".jog").querySelector("[role=alert]");
-  window.shown = new Promise((resolve) => button.addEventListener("pointerdown", () => {
+  const notice = document.querySelector("[data-part=notice]");
+  window.shown = null;
+  button.addEventListener("pointerdown", () => {
     const from = performance.now();
     let last = from, gap = 0;
     const note = () => {
@@ -150,30 +154,49 @@ TIME_A_PRESS: Final = """async (output) => {
     };
     app.link.addEventListener("view", note);
     const observer = new MutationObserver(() => {
-      if (reason.textContent === "") return;
+      const refused = notice.dataset.ok === "0" ? notice.textContent : "";
+      if (reason.textContent === "" && refused === "") return;
       observer.disconnect();
       window.requestAnimationFrame(() => {
         note();
         app.link.removeEventListener("view", note);
-        resolve({ ms: performance.now() - from, text: reason.textContent, gap });
+        window.shown = { ms: performance.now() - from, text: reason.textContent, refused, gap };
       });
     });
-    observer.observe(reason, { childList: true, characterData: true, subtree: true });
-  }, { once: true, capture: true }));
+    const texts = { childList: true, characterData: true, subtree: true };
+    observer.observe(reason, texts);
+    observer.observe(notice, { ...texts, attributes: true });
+  }, { once: true, capture: true });
 }"""
 """Script that measures from the next press of a jog until the frame in which its reason is drawn, and meanwhile the
-longest time without values of the machine: if the computer stops a process, both are longer."""
-UNTIL_READ: Final = """async (from_ms) => {
+longest time without values of the machine: if the computer stops a process, both are longer. A press that the page ends
+shows a notice in place of the reason.
+"""
+SHOWN: Final = "() => window.shown"
+"""Script that returns what the press has shown; null until then."""
+START_READING: Final = """async (from_ms) => {
   const { app } = await import("/static/app.js");
   const times = new Set();
-  return new Promise((resolve) => app.link.addEventListener("view", function check() {
+  window.read = false;
+  app.link.addEventListener("view", function check() {
     if (app.link.view.machine.time_ms > from_ms) times.add(app.link.view.machine.time_ms);
     if (times.size < 2) return;
     app.link.removeEventListener("view", check);
-    resolve();
-  }));
+    window.read = true;
+  });
 }"""
-"""Script that waits until the panel has read the whole controller after a time, which takes it two polls at most."""
+"""Script that records when the panel has read the whole controller after a time, which takes it two polls at most."""
+READ: Final = "() => window.read"
+"""Script that returns whether that is so."""
+ON_THE_PAGE: Final = """(output) => ({
+  link: document.body.dataset.link,
+  page: document.querySelector("main")?.dataset.page,
+  notice: document.querySelector("[data-part=notice]")?.textContent,
+  strip: document.querySelector("[data-part=stale]")?.textContent,
+  button: document.querySelector(`main [data-jog='${output}']`)?.outerHTML,
+  under_the_pointer: document.querySelector("main :hover:not(:has(:hover))")?.outerHTML,
+})"""
+"""Script that returns what a person sees of a press."""
 ROUND_TRIP: Final = """async () => {
   const { app } = await import("/static/app.js");
   const from = performance.now();
@@ -181,6 +204,15 @@ ROUND_TRIP: Final = """async () => {
   return performance.now() - from;
 }"""
 """Script that measures an order that is answered at once, ms."""
+
+
+def once(screen: Screen, script: str, output: str) -> dict[str, Any]:
+    """Return the first value of a script that is true; if there is none, fail with what is on the page."""
+    try:
+        value: dict[str, Any] = screen.page.wait_for_function(script).json_value()
+    except PlaywrightTimeoutError:
+        pytest.fail(f"{script} has no value within {TIMEOUT_MS} ms: {screen.page.evaluate(ON_THE_PAGE, output)}")
+    return value
 
 
 def select_language(screen: Screen, language: str) -> None:
@@ -202,16 +234,17 @@ def test_the_reason_of_a_blocked_jog_is_shown_in_time(station: Station, maintain
         reason = maintain.find(".jog", has=maintain.find(f"[data-jog='{output}']")).locator("[role=alert]")
         for name, situation in found.items():
             with shown_to_the_panel(station.live, situation.values):
-                maintain.page.evaluate(UNTIL_READ, station.live.now_ms)
+                maintain.page.evaluate(START_READING, station.live.now_ms)
+                once(maintain, READ, output)
                 expect(reason).to_be_empty()
                 bare.append(maintain.page.evaluate(ROUND_TRIP))
                 maintain.page.evaluate(TIME_A_PRESS, output)
                 button.hover()
                 maintain.page.mouse.down()
-                shown = maintain.page.evaluate("() => window.shown")
+                shown = once(maintain, SHOWN, output)
                 maintain.page.mouse.up()
                 expected = getattr(situation.reason, language)
-                assert shown["text"].lower() == expected.lower(), name
+                assert shown["text"].lower() == expected.lower(), (name, shown)
                 times[language, name] = shown["ms"], max(0.0, shown["gap"] - VIEW_MS)
                 expect(reason).to_be_empty()
     select_language(maintain, "en")

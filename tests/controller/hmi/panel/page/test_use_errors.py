@@ -148,6 +148,7 @@ def test_the_wrong_arm_is_named_on_the_button_itself(station: Station, jogging: 
     assert not any(output.startswith("left.") for _, outputs in live.levels[scans:] for output in outputs)
 
 
+@pytest.mark.nightly
 def test_hold_says_that_it_is_no_emergency_stop(at_rest: Page) -> None:
     """In both languages, at the button; it is neither named nor styled as one, and stands with the orders that halt."""
     for language in LANGUAGES:
