@@ -7,8 +7,9 @@ import sys
 from pathlib import Path
 
 from controller.cli.machine import add_io_map, machine_of
+from controller.common.arguments.number_type import PORT, REMOTE_PORT
 from controller.common.capture import PROXY, Capture, CaptureHeader, CaptureWriter, read_capture
-from controller.common.command_line import HelpFormatter, version
+from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION
 from controller.common.supervision.tasks import run_supervised
@@ -25,19 +26,16 @@ from controller.program.states import State
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``capture``."""
     actions = parser.add_subparsers(required=True, metavar="ACTION", dest="action")
-    record = actions.add_parser(
-        "record", help="forward Modbus TCP to the field I/O and capture it", formatter_class=HelpFormatter
-    )
+    record = actions.add_parser("record", help="forward Modbus TCP to the field I/O and capture it")
     record.add_argument("file", type=Path, help="new file")
-    record.add_argument("--listen-port", type=int, default=5030, help="TCP port for the controller; 0 = any free port")
+    record.add_argument("--listen-port", type=PORT, default=5030, help="TCP port for the controller; 0 = any free port")
     record.add_argument("--host", default="127.0.0.1", help="Modbus TCP address of the field I/O")
-    record.add_argument("--port", type=int, default=5020, help="Modbus TCP port of the field I/O")
+    record.add_argument("--port", type=REMOTE_PORT, default=5020, help="Modbus TCP port of the field I/O")
     add_io_map(record)
     record.set_defaults(capture=_record)
     again = actions.add_parser(
         "replay",
         help="scan the program with captured inputs and show the first difference of the outputs",
-        formatter_class=HelpFormatter,
     )
     again.add_argument("file", type=Path, help="capture of 'run --capture'")
     add_io_map(again)
@@ -55,9 +53,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _record(options: argparse.Namespace) -> int:
-    for name, value, least in (("--listen-port", options.listen_port, 0), ("--port", options.port, 1)):
-        if not least <= value <= 65_535:
-            raise InputError(f"{name} {value}: must be {least} to 65535")
     io_map = load_io_map(options.io_map)
     header = CaptureHeader(
         made_by=f"{DISTRIBUTION} {version()}",

@@ -9,7 +9,7 @@ from pathlib import Path
 from controller.cli.machine import add_io_map
 from controller.cli.run_field import (
     add_field_arguments,
-    check_field_numbers,
+    check_field_times,
     field_plan,
     output_guard,
     require_watchdogs,
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
         InputError: An option is invalid, the field I/O does not respond, its outputs are in use, or standard input is
             not a terminal.
     """
-    check_field_numbers(options)
+    check_field_times(options)
     io_map = load_io_map(options.io_map)
     link = DevicesLink(field_plan(io_map, options), io_map)
     report = CheckReport(

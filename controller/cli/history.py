@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import IO, Final
 
+from controller.common.arguments.number_type import integer
 from controller.core.clock import utc_ms
 from controller.history.export import WRITERS, write_parquet
 from controller.history.query import RowSelection, open_history, pages
@@ -23,6 +24,8 @@ FORMATS: Final = (*WRITERS, "parquet")
 DEFAULT_TABLE: Final = "events"
 LAST_AS_TEXT: Final = 100
 """Number of rows printed if no selection is given."""
+MOST_ROWS: Final = 1_000_000_000
+"""Largest number of rows that can be requested."""
 _UNITS_MS: Final = {"s": 1_000, "m": 60_000, "h": 3_600_000, "d": 86_400_000}
 _RELATIVE: Final = re.compile(r"([0-9]{1,6})([smhd])")
 
@@ -54,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--until", default=None, metavar="TIME", help="end of the period, exclusive")
     add(
         "--last",
-        type=int,
+        type=integer(1, MOST_ROWS),
         default=None,
         metavar="N",
         help=f"only the newest N rows (default: all; {LAST_AS_TEXT} if printed as text without a period)",
@@ -111,8 +114,6 @@ def history_text(options: argparse.Namespace, *, now_ms: int) -> str:
 
 
 def _selection(options: argparse.Namespace, now_ms: int) -> RowSelection:
-    if options.last is not None and not 1 <= options.last < 2**63:
-        raise HistoryError(f"--last {options.last}: must be 1 or more")
     since, until = _instant_ms("--since", options.since, now_ms), _instant_ms("--until", options.until, now_ms)
     if since is not None and until is not None and since >= until:
         raise HistoryError(f"--since {options.since} --until {options.until}: --until must be later than --since")

@@ -42,13 +42,6 @@ LISTED = Path(__file__).parent / "surviving_mutants.csv"
 """Survivors that no proof classifies, each with its class and the reason; judged by a person."""
 
 
-def add_mutant_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the mutation score."""
-    parser.add_argument("--mutants", type=int, default=None, metavar="N", help="judge N one-change mutants instead")
-    parser.add_argument("--seed", type=int, default=1, help="with --mutants: seed of the sample")
-    parser.add_argument("--out", type=Path, default=None, metavar="DIR", help="with --mutants: folder for the tables")
-
-
 def run_mutants(options: argparse.Namespace, clock: Callable[[], float]) -> int:
     """Judge a sample of mutants and print the result.
 
@@ -58,8 +51,6 @@ def run_mutants(options: argparse.Namespace, clock: Callable[[], float]) -> int:
     Raises:
         InputError: An option is invalid.
     """
-    if options.mutants < 1 or options.seed < 0:
-        raise InputError(f"--mutants {options.mutants} --seed {options.seed}: use at least 1 mutant and a seed from 0")
     began_s = clock()
     machine = machine_of(options)
     every = mutants_of(machine.program)

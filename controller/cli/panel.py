@@ -15,7 +15,7 @@ from typing import Final
 import uvicorn
 from starlette.types import ASGIApp
 
-from controller.cli.machine import add_io_map, machine_of
+from controller.cli.machine import machine_of
 from controller.common.client_slots import is_loopback
 from controller.common.errors import InputError
 from controller.common.files.trust import secret_exposure
@@ -30,60 +30,11 @@ from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trends import MOST_PERIODS
 from controller.hmi.panel.web.app import PanelApplication, Sources, application
 from controller.hmi.panel.web.listener import PanelListener
-from controller.program.texts.operator import LANGUAGES
 
 LONGEST_MESSAGE: Final = 4_096
 PING_S: Final = 5.0
 """Ping interval and timeout of a WebSocket, s; a socket that does not answer is closed and its jog ends."""
 CLOSING_S: Final = 2
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``panel``."""
-    parser.add_argument(
-        "--controller", default="127.0.0.1:5021", metavar="HOST:PORT", help="Modbus server of the controller"
-    )
-    parser.add_argument(
-        "--telemetry",
-        default=None,
-        metavar="HOST:PORT",
-        help="second Modbus server for values that the controller does not provide",
-    )
-    parser.add_argument(
-        "--telemetry-tags", type=Path, default=None, metavar="FILE.csv", help="tags of the second Modbus server"
-    )
-    parser.add_argument(
-        "--history",
-        type=Path,
-        default=Path("var/history.sqlite"),
-        help="history written by the controller; the file may be missing",
-    )
-    parser.add_argument(
-        "--trends",
-        type=Path,
-        default=Path("var/panel-trends.sqlite"),
-        help="file of the trends of the last 24 h, written once a minute",
-    )
-    parser.add_argument("--host", default="127.0.0.1", help="address of the web server")
-    parser.add_argument("--port", type=int, default=8080, help="port of the web server; 0 = any free port")
-    parser.add_argument(
-        "--name",
-        action="append",
-        default=[],
-        dest="names",
-        help="additional host name of the panel in browsers; may be repeated",
-    )
-    parser.add_argument(
-        "--language",
-        choices=LANGUAGES,
-        default=None,
-        help="language of the page until its user selects one (default: the language of the browser)",
-    )
-    parser.add_argument("--users", type=Path, default=Path("var/panel-users.json"), help="password file")
-    add_io_map(parser)
-    parser.add_argument("--allow-remote", action="store_true", help="permit an address that other computers can reach")
-    parser.add_argument("--certificate", type=Path, default=None, help="certificate (PEM) for TLS")
-    parser.add_argument("--key", type=Path, default=None, help="private key of the certificate (PEM)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -164,8 +115,6 @@ async def _serve(sources: Sources, users: Users, listener: socket.socket, option
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    if not 0 <= port <= 65_535:
-        raise InputError(f"--port {port}: must be 0 to 65535")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         return socket.create_server((host, port), family=family)

@@ -11,8 +11,8 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Final, Literal
 
-from controller.cli.machine import add_constants, add_io_map, machine_of, read_constants
-from controller.cli.mutants import add_mutant_arguments, run_mutants
+from controller.cli.machine import machine_of, read_constants
+from controller.cli.mutants import run_mutants
 from controller.common.errors import InputError
 from controller.core.clock import MonotonicClock
 from controller.core.specification import Specification
@@ -22,28 +22,6 @@ from controller.verify.report import Report, prove
 
 PROGRESS_S: Final = 5.0
 """Time between two lines about parts of one kind, s."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``prove``."""
-    add_io_map(parser)
-    parser.add_argument(
-        "--goal", action="append", default=None, metavar="NAME", help="prove only this goal; may be repeated"
-    )
-    parser.add_argument("--short", action="store_true", help="omit traces, steps and ways out")
-    parser.add_argument(
-        "--without",
-        action="append",
-        default=[],
-        metavar="RULE",
-        help="omit an interlock rule to show what it prevents, e.g. 'left: down at feed only'; may be repeated",
-    )
-    parser.add_argument("--verbose", action="store_true", help="print every goal, and all values of every limit")
-    parser.add_argument("--report", type=Path, default=None, metavar="FILE", help="file for the text of --verbose")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON, including traces")
-    parser.add_argument("--traces", type=Path, default=None, help="folder for the traces of violated requirements")
-    add_constants(parser)
-    add_mutant_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> int:

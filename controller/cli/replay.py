@@ -6,26 +6,13 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
-from controller.cli.machine import add_io_map, machine_of
+from controller.cli.machine import machine_of
 from controller.common.errors import InputError
 from controller.core.specification import Specification
 from controller.program.requirements.proof import specification as specification_of
 from controller.verify.cells import ModelError
 from controller.verify.model import Model
 from controller.verify.trace import Trace, breaks
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``replay``."""
-    parser.add_argument("trace", type=Path, help="trace file")
-    add_io_map(parser)
-    parser.add_argument(
-        "--without",
-        action="append",
-        default=[],
-        metavar="RULE",
-        help="interlock rule omitted in the proof; may be repeated",
-    )
 
 
 def run(options: argparse.Namespace) -> int:

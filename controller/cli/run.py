@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
@@ -13,19 +12,25 @@ from controller.cli.machine import add_io_map, add_start_values, machine_of, sta
 from controller.cli.run_field import (
     add_field_arguments,
     add_link_limit,
-    check_field_numbers,
+    check_field_times,
     field_plan,
     output_guard,
     print_places,
     require_watchdogs,
     wait_for_field,
 )
-from controller.cli.run_operator import add_hmi_arguments, add_mitsubishi_arguments, operator_interfaces
+from controller.cli.run_files import check_files, check_memory_file, memory_until_end
+from controller.cli.run_operator import (
+    add_hmi_arguments,
+    add_mitsubishi_arguments,
+    check_interfaces,
+    operator_interfaces,
+)
+from controller.common.arguments.number_type import integer
 from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter, new_file_problem
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION
-from controller.common.files.lock import FileLockError, lock_file
 from controller.common.modbus.io_map import IoMap
 from controller.common.real_time import (
     RealTimeError,
@@ -40,20 +45,19 @@ from controller.common.real_time import (
 from controller.common.service_manager import READY, ServiceManager
 from controller.common.stop_request import Stop, StopRequest
 from controller.core.clock import MonotonicClock, utc_ms, utc_text
-from controller.core.retentive_store import DamagedStoreError, FileStore, NewerStoreError
+from controller.core.input_filter import LONGEST_FILTER_MS
+from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
-from controller.hmi.access.tag_list import unit_of
 from controller.io.captured_plc import CapturedPlc
 from controller.io.field.field_file import FieldPlan
 from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.output_guard import ModbusOutputGuard
-from controller.io.pace import Pace, PaceError
-from controller.io.retentive_writer import RetentiveWriter, writer_until_end
+from controller.io.pace import FASTEST, FLAT_OUT, PAUSED, Pace
+from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, writer_until_end
 from controller.io.runtime import Runtime
 from controller.iomap.digest import map_digest
 from controller.program.machine import Transplanter
-from controller.program.tags import FORGOTTEN
 
 LAMP: Final = "lamp_amber"
 """Lamp that shows a question to the operator of a machine without a panel."""
@@ -67,11 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--check",
         action="store_true",
-        help="check options and files, print the place of every wire in the field, and exit; nothing is connected",
+        help="check all options and files, print the place of every wire in the field, and exit; nothing is connected "
+        "or written, and a port or a file that another program uses is not noticed",
     )
     parser.add_argument(
         "--panel-limit-ms",
-        type=int,
+        type=integer(100, 600_000),
         default=None,
         help="timeout of the operator panel, ms: if neither a Modbus request nor a line on standard input (which may "
         "be empty) arrives within this time, the machine completes the cycle and holds; active after the first request "
@@ -79,15 +84,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="retentive memory file")
     parser.add_argument(
+        "--new-machine",
+        action="store_true",
+        help="at installation only: the retentive memory has never been written; a tray in the machine is conveyed out "
+        "by the first homing. Without it, a missing memory file is a lost memory, and the operator is asked",
+    )
+    parser.add_argument(
         "--capture",
         type=Path,
         default=None,
         metavar="FILE",
         help="capture the inputs, writes and outputs of every scan in this new file, for 'capture replay'",
     )
-    parser.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
+    parser.add_argument("--scan-ms", type=integer(1, 100), default=10, help="scan period, ms")
     add_real_time_arguments(parser)
-    parser.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
+    parser.add_argument(
+        "--input-filter-ms", type=integer(0, LONGEST_FILTER_MS), default=10, help="input filter of X0-X17, ms; 0 = off"
+    )
     add_start_values(parser, example="trays_target=2")
     parser.add_argument("--language", choices=("en", "zh"), default="en", help="language of the texts")
     parser.add_argument(
@@ -108,7 +121,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--pace",
-        type=int,
+        type=integer(PAUSED, FASTEST, also=FLAT_OUT),
         default=100,
         metavar="PERCENT",
         help="initial speed of simulated time: 0 = paused, 100 = real time, 65535 = as fast as possible",
@@ -125,25 +138,27 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         InputError: An option or a file is invalid.
     """
-    _check_numbers(options)
+    _check_options(options)
     claim_real_time(options)
     machine = machine_of(options)
     plan = field_plan(machine.io_map, options)
     figures = LoopFigures()
     link = link_of(plan, machine.io_map, figures, options)
     _report_lamp(machine.io_map)
+    given = start_values(machine, options)
+    plc = (Plc if options.capture is None else CapturedPlc)(machine.program, input_filter_ms=options.input_filter_ms)
+    stop: StopRequest = options.stop
+    pace = Pace(options.pace) if options.simulated_time else None
+    check_memory_file(options)
     if options.check:
+        check_files(options)
+        writer: RetentiveWriter = DirectRetentiveWriter(MemoryStore())
+        runtime = _runtime(machine, plc, link, writer=writer, guard=output_guard(link, options), options=options)
+        check_interfaces(runtime, figures, pace, options)
         print_places(plan, machine.io_map)
         return 0
-    try:
-        kind = Plc if options.capture is None else CapturedPlc
-        plc = kind(machine.program, input_filter_ms=options.input_filter_ms)
-    except ValueError as error:
-        raise InputError(f"--input-filter-ms: {error}") from error
-    stop: StopRequest = options.stop
-    pace = _pace(options)
     with ExitStack() as stack:
-        store = stack.enter_context(_memory(machine, plc, options))
+        store, is_missing = stack.enter_context(memory_until_end(machine, plc, given, figures, options))
         stack.callback(link.close)
         # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
         writer = stack.enter_context(writer_until_end(store, threaded=pace is None))
@@ -152,6 +167,8 @@ def run(options: argparse.Namespace) -> int:
         stack.enter_context(operator_interfaces(runtime, link, figures, pace, options))
         if isinstance(plc, CapturedPlc):
             stack.enter_context(_capture(plc, runtime, options))
+        if is_missing and not options.new_machine:
+            _report_no_memory(options.retain)
         if not wait_for_field(link, guard, stop):
             return 0
         require_watchdogs(link, options)
@@ -232,6 +249,16 @@ def _report_lamp(io_map: IoMap) -> None:
     )
 
 
+def _report_no_memory(path: Path) -> None:
+    """Report a missing memory file, once nothing else ends the start."""
+    print(
+        f"{path}: no memory, which counts as lost; at the installation of a new machine, use --new-machine, or "
+        "give the command new_machine",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
 def _report_ready(runtime: Runtime, stack: ExitStack) -> None:
     """Report to the service manager that the field responds, then each scan, and the end."""
     manager = ServiceManager()
@@ -279,85 +306,9 @@ def _tolerance_ms(options: argparse.Namespace) -> int:
     return int(options.link_limit_ms - options.scan_ms)
 
 
-def _check_numbers(options: argparse.Namespace) -> None:
-    for name, value, least, most in (
-        ("--scan-ms", options.scan_ms, 1, 100),
-        ("--hmi-port", options.hmi_port, 0, 65_535),
-        ("--mc-port", options.mc_port, 0, 65_535),
-    ):
-        if not least <= value <= most:
-            raise InputError(f"{name} {value}: must be {least} to {most}")
+def _check_options(options: argparse.Namespace) -> None:
     if options.simulated_time and options.real_time_priority is not None:
         raise RealTimeError("--real-time-priority: simulated time does not follow the clock; omit --simulated-time")
     if options.capture is not None and (problem := new_file_problem(options.capture)):
         raise InputError(f"--capture {options.capture}: {problem}; choose a new file in a writable folder")
-    if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
-        raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: must be 100 to 600000")
-    check_field_numbers(options)
-
-
-@contextmanager
-def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Iterator[FileStore]:
-    """Restore the retentive memory, apply the initial set-points, and lock the file for this process."""
-    given = start_values(machine, options)  # before the files are touched
-    try:
-        lock = lock_file(options.retain)
-    except FileLockError as error:
-        raise InputError(f"--retain {options.retain}: {error}") from error
-    store = FileStore(options.retain)
-    try:
-        _restore(machine, plc, store)
-        for word, value in given.items():
-            plc.write(word, value)
-        for name, (value, default) in machine.tags.sp.changed(plc.read).items():
-            unit = unit_of(getattr(machine.tags.sp, name))
-            scale = f" (units of {unit})" if unit else ""
-            print(f"machine constant {name}: {value} instead of {default}{scale}", file=sys.stderr, flush=True)
-        try:
-            store.save(plc.retained())
-            store.confirm()
-        except OSError as error:
-            raise InputError(f"--retain {options.retain}: {error.strerror}; choose a writable file") from error
-        yield store
-    finally:
-        lock.release()
-
-
-def _pace(options: argparse.Namespace) -> Pace | None:
-    try:
-        return Pace(options.pace) if options.simulated_time else None
-    except PaceError as error:
-        raise InputError(f"--pace: {error}") from error
-
-
-def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
-    """Restore the memory stored by the last run.
-
-    A damaged, old or copied memory is renamed and reported, and `memory_lost` is set.
-
-    Raises:
-        NewerStoreError: The memory is one of a newer program.
-    """
-    try:
-        values = store.load()
-        if values is not None:
-            plc.restore_retained(values)
-            if store.interrupted:
-                print(
-                    f"{store.path}: the last run did not end in order (power failure or crash); the memory is that of "
-                    "its last stored scan",
-                    file=sys.stderr,
-                    flush=True,
-                )
-    except NewerStoreError:
-        raise
-    except ValueError as error:
-        prefix = "" if isinstance(error, DamagedStoreError) else f"{store.path}: "
-        try:
-            asides = store.set_aside()
-        except OSError as refused:
-            raise InputError(f"--retain {store.path}: {refused.strerror}; choose a writable file") from refused
-        print(f"{prefix}{error}; renamed to {' and '.join(map(str, asides))}", file=sys.stderr)
-        plc.write(machine.tags.system.memory_lost, 1)
-        # stored before the first scan, so that a further loss of power does not hide this one
-        plc.write(machine.tags.tray.phase, FORGOTTEN)
+    check_field_times(options)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from controller.common.arguments.number_type import REMOTE_PORT, integer
 from controller.common.errors import InputError
 from controller.common.modbus.io_map import IoMap, OutputRegister, Point
 from controller.common.stop_request import Stop
@@ -40,8 +41,8 @@ def add_field_arguments(parser: argparse.ArgumentParser, *, timeout_ms: int = 30
         "given by --host, --port and --unit, with the offsets of the I/O map)",
     )
     parser.add_argument("--host", default="127.0.0.1", help="Modbus TCP address of the field I/O")
-    parser.add_argument("--port", type=int, default=5020, help="Modbus TCP port of the field I/O")
-    parser.add_argument("--unit", type=int, default=1, help="Modbus unit identifier")
+    parser.add_argument("--port", type=REMOTE_PORT, default=5020, help="Modbus TCP port of the field I/O")
+    parser.add_argument("--unit", type=integer(1, 255), default=1, help="Modbus unit identifier")
     parser.add_argument(
         "--module",
         choices=sorted(filter(None, MODULES)),
@@ -50,13 +51,13 @@ def add_field_arguments(parser: argparse.ArgumentParser, *, timeout_ms: int = 30
     )
     parser.add_argument(
         "--timeout-ms",
-        type=int,
+        type=integer(1, 10_000),
         default=timeout_ms,
         help="timeout of one response of the field I/O, ms",
     )
     parser.add_argument(
         "--watchdog-ms",
-        type=int,
+        type=integer(10, 60_000),
         default=None,
         help="time of the output watchdog of the field I/O, which is set with the tool of the module, ms (the "
         "simulated plant reports its own)",
@@ -74,7 +75,7 @@ def add_link_limit(parser: argparse.ArgumentParser) -> None:
     """Add the time limit of the field link, for a command that bridges short interruptions."""
     parser.add_argument(
         "--link-limit-ms",
-        type=int,
+        type=integer(1, 10_000),
         default=100,
         help="longest time until the loss of the field I/O is detected, ms",
     )
@@ -128,21 +129,12 @@ def output_guard(link: DevicesLink, options: argparse.Namespace) -> ModbusOutput
     return ModbusOutputGuard(link, every=max(1, IDENTITY_MS // options.scan_ms))
 
 
-def check_field_numbers(options: argparse.Namespace) -> None:
-    """Check the numbers of the field I/O.
+def check_field_times(options: argparse.Namespace) -> None:
+    """Check that the times of the field I/O fit each other.
 
     Raises:
-        InputError: A number is out of range.
+        InputError: A time is too short.
     """
-    for name, value, least, most in (
-        ("--port", options.port, 1, 65_535),
-        ("--unit", options.unit, 1, 255),
-        ("--timeout-ms", options.timeout_ms, 1, 10_000),
-        ("--link-limit-ms", options.link_limit_ms, 1, 10_000),
-        ("--watchdog-ms", options.watchdog_ms, 10, 60_000),
-    ):
-        if value is not None and not least <= value <= most:
-            raise InputError(f"{name} {value}: must be {least} to {most}")
     if options.link_limit_ms is None:
         return
     if options.watchdog_ms is not None and options.watchdog_ms <= options.link_limit_ms + options.scan_ms:

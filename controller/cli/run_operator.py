@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import importlib
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
+from controller.common.arguments.number_type import PORT
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.modbus.rtu import SerialLine
@@ -43,7 +48,7 @@ def add_hmi_arguments(parser: argparse.ArgumentParser) -> None:
     hmi.add_argument("--no-hmi", action="store_true", help="do not start this server")
     hmi.add_argument("--hmi-host", default="127.0.0.1", help="address to listen on")
     hmi.add_argument(
-        "--hmi-port", type=int, default=DEFAULT_PORT, help="TCP port; 0 = any free port, reported by an event"
+        "--hmi-port", type=PORT, default=DEFAULT_PORT, help="TCP port; 0 = any free port, reported by an event"
     )
     hmi.add_argument("--hmi-allow-remote", action="store_true", help="permit an address that other computers can reach")
     hmi.add_argument("--hmi-certificate", default=None, metavar="FILE", help="certificate (PEM) for TLS")
@@ -72,7 +77,7 @@ def add_mitsubishi_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--mc-host", default="127.0.0.1", help="address to listen on")
     group.add_argument(
-        "--mc-port", type=int, default=DEFAULT_MC_PORT, help="TCP port; 0 = any free port, reported by an event"
+        "--mc-port", type=PORT, default=DEFAULT_MC_PORT, help="TCP port; 0 = any free port, reported by an event"
     )
     group.add_argument(
         "--mc-allow-remote", action="store_true", help="permit an address that other computers can reach"
@@ -118,7 +123,7 @@ def operator_interfaces(
         alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, publish, options.language)
         runtime.observers.append(alarms)
         runtime.observers.append(_OutputReport(runtime, printer))
-        if not options.no_hmi or options.mc is not None or options.fx_port is not None:
+        if _has_server(options):
             server, mc = _server(runtime, alarms, options, figures=figures, pace=pace, audit=audit)
             receivers.append(server.cycles.record)
             sys.setswitchinterval(SWITCH_INTERVAL_S)
@@ -153,13 +158,41 @@ class _OutputReport:
         self._reported = taken, rival
 
 
+def history_file(options: argparse.Namespace) -> Path:
+    """Return the path of the history."""
+    path: Path = options.history or options.retain.with_name("history.sqlite")
+    return path
+
+
+def check_interfaces(runtime: Runtime, figures: LoopFigures, pace: Pace | None, options: argparse.Namespace) -> None:
+    """Check addresses, certificates and lines of the servers, as a start does before it listens.
+
+    Raises:
+        InputError: An option or a file is invalid.
+    """
+    if _has_server(options):
+        alarms = AlarmList(runtime.machine.alarms, runtime.machine.tags.machine.first_out, lambda _: None)
+        _server(runtime, alarms, options, figures=figures, pace=pace, audit=lambda *_: None)
+    serial = None if options.no_hmi or options.hmi_serial is None else SerialLine.parsed(options.hmi_serial).path
+    for option, path in (("--hmi-serial", serial), ("--fx-port", options.fx_port)):
+        if path is None:
+            continue
+        importlib.import_module("serial")  # a missing one is reported with the command that installs it
+        if not os.access(path, os.R_OK | os.W_OK):
+            number = errno.EACCES if Path(path).exists() else errno.ENOENT
+            raise InputError(f"serial line {path}: {os.strerror(number)}; specify another {option}, or omit it")
+
+
+def _has_server(options: argparse.Namespace) -> bool:
+    return not options.no_hmi or options.mc is not None or options.fx_port is not None
+
+
 def _history(machine: Transplanter, edges: CycleEdges, options: argparse.Namespace) -> HistoryWriter | None:
     if options.no_history:
         return None
-    path = options.history or options.retain.with_name("history.sqlite")
     try:
         return HistoryWriter(
-            path,
+            history_file(options),
             wall_ms=utc_ms,
             program=machine.program.name,
             version=version(),

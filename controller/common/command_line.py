@@ -11,12 +11,15 @@ import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, Protocol, cast
+from typing import Any, NoReturn, Protocol, cast
 
+from controller.common.arguments.completion import COMPLETION, SHELLS, PrintCompletion
+from controller.common.arguments.number_type import NumberType
 from controller.common.declarations import DeclarationError, declared_at
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION, install_hint
 from controller.common.stop_request import INTERRUPTED, StopRequest
+from controller.common.suggestion import suggestion
 
 USAGE_ERROR = 2
 """Exit code for invalid input and for a missing optional dependency."""
@@ -24,13 +27,19 @@ BROKEN_PIPE = 141
 """Exit code if the reader of the output has disconnected: 128 + SIGPIPE, by shell convention."""
 UNWRITTEN = 74
 """Exit code of a successful command whose output could not be written: EX_IOERR of sysexits.h."""
+SEE_HELP = "see --help"
+"""Remedy for an unknown word that resembles none."""
+
+
+class OptionsModule(Protocol):
+    """Interface of the module with the options of a command."""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Add the options of the command."""
 
 
 class CommandModule(Protocol):
     """Interface of the module of a command."""
-
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Add the options of the command."""
 
     def run(self, options: argparse.Namespace) -> int:
         """Run the command and return its exit code.
@@ -41,20 +50,74 @@ class CommandModule(Protocol):
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser, also of subcommands, that reports an invalid argument in one line and exits with code 2."""
+    """Parser, also of subcommands, that reports an invalid argument in one line with exit code 2.
+
+    Options cannot be abbreviated: an option of a later version must not change the meaning of a command.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        """Create a parser; the settings are those of `argparse.ArgumentParser`."""
+        super().__init__(**{"formatter_class": HelpFormatter, "allow_abbrev": False, **settings})
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit."""
         self.exit(USAGE_ERROR, f"{self.prog}: {message}; see --help\n")
 
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse the arguments, with a remedy for an unknown option; see `argparse.ArgumentParser.parse_known_args`."""
+        options, rest = super().parse_known_args(args, namespace)
+        for word in rest:
+            if word.startswith("-"):
+                known = [name for name in self._option_string_actions if name.startswith("--")]
+                option = word.partition("=")[0]
+                self.exit(USAGE_ERROR, f"{self.prog}: unknown option {option}; {suggestion(option, known, SEE_HELP)}\n")
+        return options, rest
 
-class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
-    """Help formatter that shows the default of every option that has one."""
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """Return the value of an argument.
+
+        Raises:
+            InputError: The argument is not a number within its range.
+        """
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError as error:
+            if not isinstance(action.type, NumberType):
+                raise
+            name = action.option_strings[-1] if action.option_strings else action.metavar or action.dest
+            raise InputError(f"{name} {arg_string}: {error.message}") from None
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Help formatter that shows the range of every number and the default of every option that has one."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        if action.default is None or action.default is False or action.default == []:
-            return action.help
-        return super()._get_help_string(action)
+        notes = [action.type.range] if isinstance(action.type, NumberType) else []
+        if not any(action.default is each for each in (None, False, argparse.SUPPRESS)) and action.default not in (
+            [],
+            "",
+        ):
+            notes.append("default: %(default)s")
+        return f"{action.help} ({'; '.join(notes)})" if notes else action.help
+
+
+@dataclass(frozen=True, slots=True)
+class CommandEntry:
+    """Command of a package.
+
+    Attributes:
+        help: One-line help.
+        module: Module with the function that runs the command.
+        options: Module with the options, which imports none of the optional dependencies; empty = the same module.
+        extra: Installation extra that the command needs; empty = that of the missing module.
+    """
+
+    help: str
+    module: str
+    options: str = ""
+    extra: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +128,8 @@ class CommandLine:
         package: Name of the package, as in ``python -m <package>``.
         script: Name of its console command.
         description: First line of the help text.
-        commands: Module and one-line help of each command, by its name.
-        default: Command to run if the first argument is not the name of a command.
+        commands: Commands by name.
+        default: Command to run if the first argument is an option, or there is none.
         services: Commands that run until they are stopped. Ctrl-C is their regular end, with exit code 0; they find the
             request in ``options.stop``. Any other command is interrupted.
     """
@@ -74,7 +137,7 @@ class CommandLine:
     package: str
     script: str
     description: str
-    commands: Mapping[str, tuple[str, str]]
+    commands: Mapping[str, CommandEntry]
     default: str
     services: frozenset[str]
 
@@ -87,7 +150,7 @@ class CommandLine:
         """Return the parser.
 
         Args:
-            loaded: Commands whose modules are imported and whose options are added; None = all.
+            loaded: Commands whose options are added; None = all.
         """
         parser = Parser(
             prog=self.prog, description=self.description, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -95,43 +158,64 @@ class CommandLine:
         parser.add_argument(
             "--version", action="version", version=f"{DISTRIBUTION} {version()}", help="show the version and exit"
         )
+        parser.add_argument(
+            COMPLETION,
+            action=PrintCompletion,
+            choices=SHELLS,
+            const=self.script,
+            default=argparse.SUPPRESS,
+            help=f"print a script with which a shell completes the arguments of {self.script}, and exit",
+        )
         commands = parser.add_subparsers(required=True, metavar="COMMAND")
-        for name, (module_name, help_line) in self.commands.items():
-            command = commands.add_parser(name, help=help_line, formatter_class=HelpFormatter)
+        for name, command in self.commands.items():
+            of_command = commands.add_parser(name, help=command.help)
             if loaded is None or name in loaded:
-                module = cast("CommandModule", importlib.import_module(module_name))
-                module.add_arguments(command)
-                command.set_defaults(command=module.run)
+                module = cast("OptionsModule", importlib.import_module(command.options or command.module))
+                module.add_arguments(of_command)
                 if name == self.default:
-                    parser.epilog = f"Without a command:\n\n{command.format_help()}"
+                    parser.epilog = f"Without a command:\n\n{of_command.format_help()}"
         return parser
 
     def run(self, arguments: Sequence[str] | None = None, stop: StopRequest | None = None) -> int:
         """Run a command and return its exit code.
 
-        Only the module of that command is imported, so that a command does not need the dependencies of the others.
+        Only the modules of that command are imported, so that it does not need the dependencies of the others; that of
+        its options first, so that help and refused options need none.
 
         Args:
             arguments: Command-line arguments; None = those of the process.
             stop: Request to stop the process; None leaves the signal handlers unchanged.
         """
         given = list(sys.argv[1:] if arguments is None else arguments)
-        if not given or given[0] not in (*self.commands, "-h", "--help", "--version"):
-            given.insert(0, self.default)
-        name = self.default if given[0] in {"-h", "--help"} else given[0]
+        name = given[0].partition("=")[0] if given else self.default
+        if name.startswith("-") and name not in {"-h", "--help", "--version", COMPLETION}:
+            name = self.default
+        if name == self.default and given[:1] != [name]:
+            given.insert(0, name)
         return run_command(
-            name, lambda request: self._run(name, given, request), stop, is_service=name in self.services
+            name,
+            lambda request: self._run(name, given, request),
+            stop,
+            is_service=name in self.services,
+            extra=self.commands[name].extra if name in self.commands else "",
         )
 
     def _run(self, name: str, given: Sequence[str], stop: StopRequest) -> int:
-        options = self.parser({name}).parse_args(given)
+        if not name.startswith("-") and name not in self.commands:
+            raise InputError(f"{self.prog}: unknown command {name}; {suggestion(name, self.commands, SEE_HELP)}")
+        loaded = {"-h": {self.default}, "--help": {self.default}, COMPLETION: None}.get(name, {name})
+        options = self.parser(loaded).parse_args(given)
         options.stop = stop
-        command: Callable[[argparse.Namespace], int] = options.command
-        return command(options)
+        return cast("CommandModule", importlib.import_module(self.commands[name].module)).run(options)
 
 
 def run_command(
-    name: str, command: Callable[[StopRequest], int], stop: StopRequest | None = None, *, is_service: bool = False
+    name: str,
+    command: Callable[[StopRequest], int],
+    stop: StopRequest | None = None,
+    *,
+    is_service: bool = False,
+    extra: str = "",
 ) -> int:
     """Run a command and return its exit code; invalid input and a missing dependency are one line on standard error.
 
@@ -140,12 +224,13 @@ def run_command(
         command: Function that parses the arguments, prints the output and returns the exit code.
         stop: Request to stop the process; None leaves the signal handlers unchanged.
         is_service: True if the command looks for the request to stop; any other command is interrupted.
+        extra: Installation extra of the command; empty = that of the missing module.
     """
     with StopRequest() if stop is None else contextlib.nullcontext(stop) as request:
-        return until_reader_disconnects(lambda: _reported(name, command, request, is_service))
+        return until_reader_disconnects(lambda: _reported(name, command, request, is_service, extra))
 
 
-def _reported(name: str, command: Callable[[StopRequest], int], stop: StopRequest, is_service: bool) -> int:
+def _reported(name: str, command: Callable[[StopRequest], int], stop: StopRequest, is_service: bool, extra: str) -> int:
     try:
         if not is_service:
             stop.interrupt()
@@ -155,7 +240,7 @@ def _reported(name: str, command: Callable[[StopRequest], int], stop: StopReques
         sys.stderr.write(f"{place}: {error}\n" if place else f"{error}\n")
         return USAGE_ERROR
     except ModuleNotFoundError as error:
-        hint = install_hint(error)
+        hint = install_hint(error, extra)
         if hint is None:
             raise
         sys.stderr.write(f"{name}: {hint}\n")

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 from typing import Final
 
+from controller.common.arguments.number_type import integer
 from controller.common.errors import InputError
 from controller.common.stop_request import Stop
 
@@ -42,20 +43,20 @@ def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of real-time scheduling."""
     parser.add_argument(
         "--real-time-priority",
-        type=int,
+        type=integer(1, HIGHEST_PRIORITY),
         nargs="?",
         const=DEFAULT_PRIORITY,
         default=None,
         metavar="N",
-        help=f"run with priority N, 1 to {HIGHEST_PRIORITY} ({DEFAULT_PRIORITY} if no number is given), before all "
+        help=f"run with priority N ({DEFAULT_PRIORITY} if no number is given), before all "
         "ordinary processes of this computer, and with locked memory (Linux; SCHED_FIFO)",
     )
     parser.add_argument(
         "--real-time-cpu",
-        type=int,
+        type=integer(0),
         default=None,
         metavar="N",
-        help="with --real-time-priority: processor to run on, from 0 (default: any)",
+        help="with --real-time-priority: processor to run on (default: any)",
     )
 
 
@@ -65,15 +66,13 @@ def claim_real_time(options: argparse.Namespace) -> None:
     Threads and processes that it starts later have the normal priority. Nothing is changed without the option.
 
     Raises:
-        RealTimeError: A number is out of range, or the system does not permit it.
+        RealTimeError: The system does not permit it.
     """
     priority, cpu = options.real_time_priority, options.real_time_cpu
     if priority is None:
         if cpu is not None:
             raise RealTimeError("--real-time-cpu requires --real-time-priority; add it")
         return
-    if not 1 <= priority <= HIGHEST_PRIORITY:
-        raise RealTimeError(f"--real-time-priority {priority}: must be 1 to {HIGHEST_PRIORITY}")
     if not hasattr(os, "sched_setscheduler"):
         raise RealTimeError("--real-time-priority: this system has no SCHED_FIFO; use Linux, or omit the option")
     _check_cpu(cpu)

@@ -8,6 +8,8 @@ from controller.common.saved import Saved
 
 ADJUSTABLE = 16
 """Number of terminals with an adjustable filter, X0-X17."""
+LONGEST_FILTER_MS = 60
+"""Longest filter time of these terminals, ms: the range of an FX2N."""
 FIXED_MS = 10
 """Filter time of all other terminals, ms."""
 
@@ -35,8 +37,8 @@ class InputFilter(Saved):
         Raises:
             ValueError: The time is outside the FX2N's range of 0 to 60 ms.
         """
-        if not 0 <= filter_ms <= 60:
-            raise ValueError(f"input filter {filter_ms} ms: must be 0 to 60 ms, the range of an FX2N")
+        if not 0 <= filter_ms <= LONGEST_FILTER_MS:
+            raise ValueError(f"input filter {filter_ms} ms: must be 0 to {LONGEST_FILTER_MS} ms, the range of an FX2N")
         self._image = image
         self.filter_ms = filter_ms
         self.since_ms: dict[int, int] = {}

@@ -58,8 +58,8 @@ class FieldDevices(Protocol):
         """Labels of the devices whose output watchdog may have tripped between two confirmed writes."""
 
     @property
-    def waits(self) -> Sequence[tuple[str, str, float]]:
-        """Label of each device, address of its line, and total time that scans have waited for its answers, s."""
+    def waits(self) -> Sequence[tuple[str, str, int, float]]:
+        """Label, line, number of answers, total time that scans have waited for them, s, by device."""
 
 
 class FieldReport:

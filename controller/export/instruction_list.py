@@ -2,8 +2,8 @@
 
 Sequences become STL steps, requests remain relays, each Y is written once, in the last block, and annunciators are
 set by timers. Conditions that are used repeatedly are evaluated once, into auxiliary relays (`sharing`). A separate
-block contains the functions that the soft PLC performs outside the program: it resets all states, writes the initial
-set-points and switches M8049 on.
+block contains the functions that the soft PLC performs outside the program: it resets all states, detects a loss of the
+retentive memory, writes the initial set-points and switches M8049 on.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from controller.core.devices import RETENTIVE, SIZES, WORD_MAX
+from controller.core.devices import PROGRAM_RANGES, RETENTIVE, SIZES, WORD_MAX
 from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, leaves
 from controller.core.program import Block, Program
 from controller.core.rungs import (
@@ -42,12 +42,15 @@ from controller.export.sharing import RELAYS, item_writes, shared
 from controller.fx.language.editor_blocks import MOST_LINES, condition_lines
 from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, LadderError, Operand
 
-ALWAYS, NEVER, FIRST_SCAN, ANNUNCIATORS_ENABLED = 8000, 8001, 8002, 8049
+ALWAYS, NEVER, FIRST_SCAN, BATTERY_LOW, ANNUNCIATORS_ENABLED = 8000, 8001, 8002, 8005, 8049
 FIXED_LATCH: Final = 1024
 """First relay of the fixed latched range, which PLC parameters cannot change."""
 
 POWER_UP: Final = "power-up"
 """Title of the block that the export adds to the program."""
+
+MEMORY_LOST: Final = "memory lost"
+"""Name of the relay of lost memory in the program."""
 
 SUPERVISION: Final = "scan supervision"
 """Title of the block that supervises the scan time."""
@@ -189,8 +192,8 @@ class _ListWriter:
         self._program = program
         self._pulses = pulses
         self._tripped = DeviceOperand("M", tripped)
-        faults = (each.number for each in program.devices() if each.kind == "M" and each.name == SCAN_FAULT)
-        self._fault = next(faults, None)
+        relays = {each.name: each.number for each in program.devices() if each.kind == "M"}
+        self._fault, self._lost = relays.get(SCAN_FAULT), relays.get(MEMORY_LOST)
         self._list: list[Instruction] = []
         self._titles: dict[int, str] = {}
 
@@ -214,7 +217,8 @@ class _ListWriter:
         """Write the power-up initialisation of the soft PLC: reset steps and alarms, and set the initial set-points.
 
         The reset is required because an FX2N retains S500 to S999 through a loss of power. Faults that persist are
-        detected again.
+        detected again. The relay `done` is the mark of valid memory: it is missing on a new PLC, and a low battery at
+        power-up resets it.
         """
         self._titles[len(self._list)] = POWER_UP
         self._add("LD", DeviceOperand("M", ALWAYS))
@@ -225,19 +229,38 @@ class _ListWriter:
         self._add("ZRST", DeviceOperand("S", 0), DeviceOperand("S", SIZES["S"] - 1))
         if self._fault is not None:
             self._add("MOV", MORE_THAN_A_SECOND, COUNTER)
-        constants = [each for each in self._program.set_points if each[0] in self._program.constants]
-        defaults = [each for each in self._program.set_points if each[0] not in self._program.constants]
-        for n, (word, value) in enumerate(constants):
-            if n % MOST_LINES == 0:
-                self._add("LD", DeviceOperand("M", FIRST_SCAN))
-            self._add("MOV", Constant(value), _word(word))
-        for n, (word, value) in enumerate(defaults):
+        if self._lost is not None:
+            self._add("AND", DeviceOperand("M", BATTERY_LOW))
+            self._add("RST", DeviceOperand("M", done))
+        first = [*self._lost_memory(), *self._moves(constants=False)]
+        for n, instruction in enumerate(first):
             if n % (MOST_LINES - 1) == 0:  # SET follows in the last ladder block
                 self._add("LD", DeviceOperand("M", FIRST_SCAN))
                 self._add("ANI", DeviceOperand("M", done))
-            self._add("MOV", Constant(value), _word(word))
-        if defaults:
+            self._list.append(instruction)
+        if first:
             self._add("SET", DeviceOperand("M", done))
+        for n, instruction in enumerate(self._moves(constants=True)):
+            if n % MOST_LINES == 0:
+                self._add("LD", DeviceOperand("M", FIRST_SCAN))
+            self._list.append(instruction)
+
+    def _moves(self, *, constants: bool) -> Iterator[Instruction]:
+        """Yield the instructions that write the machine constants, or the other set-points."""
+        for word, value in self._program.set_points:
+            if (word in self._program.constants) is constants:
+                yield Instruction("MOV", (Constant(value), _word(word)))
+
+    def _lost_memory(self) -> Iterator[Instruction]:
+        """Yield the instructions that set the relay of lost memory, and clear what is left of the memory."""
+        if self._lost is None:
+            return
+        yield Instruction("OUT", (DeviceOperand("M", self._lost),))
+        for kind in ("M", "D"):
+            (latched,) = (span for span, kept in PROGRAM_RANGES[kind] if kept == "retentive")
+            used = [d.number for d in self._program.devices() if d.kind == kind and d.number in latched]
+            if used:
+                yield Instruction("ZRST", (DeviceOperand(kind, min(used)), DeviceOperand(kind, max(used))))
 
     def _supervise_scans(self) -> dict[str, str]:
         """Write the supervision of the scan time, if the program has a relay for it; return its comments."""

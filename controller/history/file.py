@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from controller.common.files.database import PARTS, is_damage, is_empty, number, read_only
-from controller.common.files.lock import FileLockError, lock_file
+from controller.common.files.lock import FileLockError, lock_file, place_problem
 from controller.common.files.set_aside import set_aside
 from controller.history.schema import TABLES, HistoryError, check_schema, create_statements
 
@@ -219,6 +219,20 @@ class HistoryFile:
             if self._db.in_transaction:  # some errors roll back automatically
                 self._db.execute("ROLLBACK")
             raise
+
+
+def check_history(path: Path) -> None:
+    """Check a history that a controller will write, without writing; report one that a start renames.
+
+    Raises:
+        HistoryError: Its place is not writable, or its schema is newer.
+    """
+    if problem := place_problem(path):
+        raise HistoryError(f"{path}: {problem}")
+    try:
+        _check_unopened(path)
+    except sqlite3.DatabaseError as error:
+        _log.warning("%s: %s; a start renames the file", path, error)
 
 
 def _open(path: Path) -> sqlite3.Connection:

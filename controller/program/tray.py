@@ -117,7 +117,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
     asks = any_of(machine.entered_resetting & doubt, all_of(machine.resetting, homed, perhaps_moved))
     accepted = t.ask & (~machine.motion | machine.resetting)  # rows must not change under an active arm
     full = (accepted & commands.tray_full & t.edge) | commands.rows_full
-    none = accepted & commands.tray_none
+    none = (accepted & commands.tray_none) | commands.new_machine
     same = all_of(accepted, commands.tray_same, t.edge, t.phase.equals(IN_PLACE))
     real = ~tags.system.link_lost
     jogged = machine.jogs["tray_run"] & t.driven["tray_run"]

@@ -9,24 +9,10 @@ import tempfile
 from pathlib import Path
 
 from controller.iomap.loader import load_io_map
-from plant_sim.cli.options import add_machine_arguments, check_machine_arguments, machine_of
+from plant_sim.cli.settings import machine_of
 from plant_sim.scope.store import Recording
 from plant_sim.study.air_consumption import air_of
 from plant_sim.twin.trial import run_trial
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``air``."""
-    parser.add_argument(
-        "recording",
-        type=Path,
-        nargs="?",
-        default=None,
-        metavar="RECORDING",
-        help="file written with --record (default: run the paper's trial)",
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    add_machine_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -40,7 +26,6 @@ def run(options: argparse.Namespace) -> int:
         IoMapError: The I/O map is invalid.
         MachineError: The machine parameters are invalid.
     """
-    check_machine_arguments(options)
     if options.recording is not None:
         _print(Recording(options.recording), as_json=options.json)
         return 0

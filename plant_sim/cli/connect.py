@@ -8,48 +8,15 @@ from collections.abc import Callable
 from controller.common.errors import InputError
 from controller.common.modbus.async_client import AsyncModbusClient, AsyncRtuClient, AsyncTcpClient
 from controller.common.modbus.rtu import SerialLine
-from plant_sim.cli.serving import add_plant_arguments, build, operate, tell
+from plant_sim.cli.serving import build, operate, tell
 from plant_sim.links.io_module import IoModule
-from plant_sim.links.modbus_server import DEFAULT_PORT, PlantServer
+from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.plc.client import PlcClient
 from plant_sim.links.plc.mc import McPlc
 from plant_sim.links.plc.modbus import ModbusPlc
 from plant_sim.links.plc.port import PlcPort
-from plant_sim.links.plc.profile import PlcProfile, PlcProtocol, load_profile, profile_names
+from plant_sim.links.plc.profile import PlcProfile, PlcProtocol, load_profile
 from plant_sim.machine.parameters import Machine
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``connect``."""
-    names = ", ".join(profile_names())
-    parser.add_argument("profile", help=f"profile of the PLC: {names}; or the path of a YAML file")
-    parser.add_argument("--host", default=None, help="name or address of the PLC")
-    parser.add_argument("--port", type=int, default=None, help="TCP port of the PLC; default: that of the profile")
-    parser.add_argument("--unit", type=int, default=1, help="Modbus unit of the PLC on TCP")
-    parser.add_argument(
-        "--serial",
-        default=None,
-        metavar="DEVICE:BAUD:FRAME:UNIT",
-        help="serial line to a PLC that is a Modbus RTU slave, instead of --host, e.g. /dev/ttyUSB0:115200:8N1:1",
-    )
-    parser.add_argument("--period-ms", type=int, default=10, help="time between the starts of two exchanges")
-    parser.add_argument(
-        "--timeout-ms", type=int, default=50, help="longest time for an answer, without the time on a serial line"
-    )
-    parser.add_argument(
-        "--lock-step-ms",
-        type=int,
-        default=None,
-        help="milliseconds of plant time per exchange, instead of real time; for a PLC that scans once per exchange",
-    )
-    parser.add_argument(
-        "--listen-port",
-        type=int,
-        default=DEFAULT_PORT,
-        help="port of the plant's own Modbus TCP server, for telemetry and push buttons; 0 = any free port",
-    )
-    parser.add_argument("--listen-host", default="127.0.0.1", help="address of this server")
-    add_plant_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -111,17 +78,7 @@ def check(options: argparse.Namespace) -> None:
     """Check the options of the PLC.
 
     Raises:
-        InputError: An option is missing or out of range.
+        InputError: An option is missing.
     """
     if (options.host is None) == (options.serial is None):
         raise InputError("specify either --host, the address of the PLC, or --serial, the line to it")
-    for name, least, most in (
-        ("port", 1, 65_535),
-        ("listen_port", 0, 65_535),
-        ("unit", 0, 255),
-        ("period_ms", 1, 10_000),
-        ("timeout_ms", 1, 60_000),
-    ):
-        value = getattr(options, name)
-        if value is not None and not least <= value <= most:
-            raise InputError(f"--{name.replace('_', '-')} {value}: must be {least} to {most}")

@@ -13,54 +13,27 @@ from typing import Final
 from controller.common.errors import InputError
 from controller.common.stop_request import INTERRUPTED
 from plant_sim.cli import connect, serve
-from plant_sim.cli.options import add_air_argument, add_fault_arguments, add_machine_arguments, faults_of
-from plant_sim.cli.serving import add_frequency_argument, build
-from plant_sim.hil.bench import Bench, BenchLimits, ControllerSupply
+from plant_sim.cli.serving import build
+from plant_sim.cli.settings import faults_of
+from plant_sim.hil.bench import Bench, ControllerSupply
 from plant_sim.hil.bench_module import BenchModule
-from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, SHORT_GROUPS, BenchRun, CaseResult, CaseVerdict
-from plant_sim.hil.own_trial import OwnTrialError, drive, measure
+from plant_sim.hil.bench_run import BenchRun, CaseResult, CaseVerdict
+from plant_sim.hil.own_program import drive
+from plant_sim.hil.own_trial import OwnTrialError, measure
 from plant_sim.hil.random_operator import SECONDS_PER_TRAY
 from plant_sim.hil.reference import TrialQuantities
 from plant_sim.hil.reporting.report import junit, line, page, summary, write
 from plant_sim.hil.reporting.timing_picture import timing_picture
+from plant_sim.hil.selection import GROUPS, SHORT_GROUPS, BenchLimits
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
-from plant_sim.twin.lock_step import SCAN_MS
 
-TRAYS: Final = 60
-"""Trays in the magazine, enough for all cases with the reference program."""
-MOST_MS: Final = 10_000
-"""Largest limit that can be given, ms."""
-NO_LINK: Final = {"watchdog_ms": 100, "real_time_priority": None, "real_time_cpu": None}
-"""Options that have no effect on a controller in the same process."""
 ABOUT: Final = "Controller on the simulated transplanter"
 STOPPED: Final = "stopped before the last case"
-MOST_RANDOM_S: Final = 1_000_000
-"""Longest duration of the random operator that can be given, s."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the ways to the controller with their options."""
-    ways = parser.add_subparsers(required=True, metavar="WAY")
-    server = ways.add_parser("serve", help="the controller is a Modbus client of the plant, as with 'serve'")
-    serve.add_arguments(server)
-    _add_judge(server)
-    server.set_defaults(judge=_judge_client)
-    client = ways.add_parser("connect", help="the plant is a client of the PLC, as with 'connect'")
-    connect.add_arguments(client)
-    _add_judge(client)
-    client.set_defaults(judge=_judge_plc)
-    own = ways.add_parser("program", help="the controller is the machine's own program, in this process")
-    add_machine_arguments(own)
-    add_frequency_argument(own)
-    add_air_argument(own)
-    add_fault_arguments(own)
-    _add_judge(own)
-    own.set_defaults(judge=_judge_program, lock_step_ms=SCAN_MS, **NO_LINK)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -69,54 +42,8 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         InputError: An option or a file is invalid, or a port cannot be opened.
     """
-    code: int = options.judge(options)
-    return code
-
-
-def _add_judge(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the judgement."""
-    limits = BenchLimits()
-    judge = parser.add_argument_group("judgement")
-    judge.add_argument(
-        "--cases",
-        action="append",
-        choices=GROUPS,
-        default=None,
-        metavar="GROUP",
-        help=f"group of cases to run: {', '.join(GROUPS)}; may be repeated (default: all); {', '.join(FIRST_GROUPS)} "
-        "always run",
-    )
-    judge.add_argument(
-        "--short", action="store_true", help=f"the same as --cases for {', '.join(SHORT_GROUPS)}: 35 minutes at most"
-    )
-    judge.add_argument(
-        "--random-operator",
-        type=int,
-        default=0,
-        metavar="SECONDS",
-        help="let an operator press at random for this time after all cases; in lock step only",
-    )
-    judge.add_argument("--random-seed", type=int, default=1, help="seed of the random operator")
-    judge.add_argument(
-        "--wait-s",
-        type=int,
-        default=60,
-        help="in lock step: longest time without a write of the outputs, by the clock, after which the run ends",
-    )
-    judge.add_argument("--only", default="", metavar="TEXT", help="run the further cases whose names contain this text")
-    judge.add_argument(
-        "--stop-ms", type=int, default=limits.stop_ms, help="longest time from emergency stop to outputs off"
-    )
-    judge.add_argument(
-        "--margin-ms", type=int, default=limits.margin_ms, help="least increase of the scan time to be tolerated"
-    )
-    judge.add_argument(
-        "--no-reference",
-        action="store_true",
-        help="do not compare losses, missed cups, duration and switching of the trial with the machine's own program",
-    )
-    judge.add_argument("--out", type=Path, required=True, help="folder for hil.xml (JUnit) and hil.html")
-    parser.set_defaults(trays=TRAYS)
+    judge = {"serve": _judge_client, "connect": _judge_plc, "program": _judge_program}[options.way]
+    return judge(options)
 
 
 def _judge_client(options: argparse.Namespace) -> int:
@@ -161,16 +88,9 @@ class _Judgement:
         self._silent = False
         if options.random_operator and not options.lock_step_ms:
             raise InputError("--random-operator: only in lock step; add --lock-step-ms 10")
-        if not 0 <= options.random_operator <= MOST_RANDOM_S or not 0 < options.wait_s <= MOST_MS:
-            raise InputError(
-                f"--random-operator must be 0 to {MOST_RANDOM_S}, and --wait-s 1 to {MOST_MS}; change the option"
-            )
         if options.short and options.cases:
             raise InputError("--short: selects the groups itself; omit it, or --cases")
         options.trays += options.random_operator // SECONDS_PER_TRAY
-        for name in ("stop_ms", "margin_ms"):
-            if not 0 <= getattr(options, name) <= MOST_MS:
-                raise InputError(f"--{name.replace('_', '-')} {getattr(options, name)}: must be 0 to {MOST_MS}")
         self.module, self.machine = build(options, BenchModule)
         self.bench = Bench(self.module, self.machine, BenchLimits(stop_ms=options.stop_ms, margin_ms=options.margin_ms))
         self._run = BenchRun(
@@ -231,7 +151,6 @@ def _reference(options: argparse.Namespace, module: IoModule, machine: Machine) 
         InputError: The program does not complete the trial, so that there is nothing to compare with.
     """
     plant = Plant(module.io_map, machine, seed=options.seed, trays=options.trays, faults=faults_of(options))
-    plant.planting_frequency_per_min = module.plant.planting_frequency_per_min
     try:
         return measure(plant, module.io_map, machine)
     except OwnTrialError as error:

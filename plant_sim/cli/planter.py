@@ -5,70 +5,23 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 from controller.common.errors import InputError
+from plant_sim.cli.options.planter import FIGURE_SPEEDS_KM_H, FREQUENCY_PER_MIN, REGIMES, SCHEME, SPEED_KM_H
 from plant_sim.planter.fall_report import FallReport
 from plant_sim.planter.falls import stored_table, write_table
-from plant_sim.planter.motion import Motion, MotionModel
-from plant_sim.planter.parameters import DEFAULT_PLANTER, Planter, assumed_names, load_planter, load_ranges
+from plant_sim.planter.motion import Motion
+from plant_sim.planter.motion_model import MotionModel
+from plant_sim.planter.parameters import Planter, assumed_names, load_planter, load_ranges
 from plant_sim.planter.report import MotionReport
 from plant_sim.planter.scatter import Ground, Ranges
 
 # Modules that require matplotlib, which takes a second to import, are imported only when a figure is drawn.
 
-SPEED_KM_H: Final = 1.4
-FREQUENCY_PER_MIN: Final = 56.0
-"""Default planting frequency, with `SPEED_KM_H` the third simulated case of the cabbage paper, 2.2.2."""
-FIGURE_SPEEDS_KM_H: Final[Mapping[int, float]] = {7: 1.9, 8: 1.65, 9: 1.4}
-"""Machine speed of each figure that shows a simulated case, at `FREQUENCY_PER_MIN`. Source: cabbage paper, 2.2.2."""
 
-_SCHEME, _REGIMES = 3, 4
-_FASTEST_KM_H = 36.0
-_MOST_PER_MIN = 1000.0
 _KM_H = 3.6
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``planter``."""
-    parser.add_argument("--planter", type=Path, default=DEFAULT_PLANTER, metavar="FILE", help="parameters")
-    parser.add_argument(
-        "--speed", type=float, metavar="KM_H", help=f"speed of the machine, km/h (default: {SPEED_KM_H:g})"
-    )
-    parser.add_argument(
-        "--frequency", type=float, metavar="PER_MIN", help=f"plants per minute (default: {FREQUENCY_PER_MIN:g})"
-    )
-    parser.add_argument(
-        "--release",
-        type=float,
-        metavar="DEG",
-        help="phase of the release on the bottom arc, 90 at the lowest point (default: from the parameter file)",
-    )
-    parser.add_argument(
-        "--model",
-        choices=[model.value for model in MotionModel],
-        default=MotionModel.RIGID.value,
-        help="equations as printed, equations with corrections, or a planter that only translates",
-    )
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw to FILE.png, FILE.svg or FILE.gif")
-    parser.add_argument(
-        "--figure",
-        type=int,
-        choices=(_SCHEME, _REGIMES, *FIGURE_SPEEDS_KM_H),
-        metavar="N",
-        help="figure of the paper to draw: 3 scheme, 4 three paths, 7 to 9 falls at the paper's speeds "
-        "(default: motion at --speed)",
-    )
-    parser.add_argument(
-        "--falls",
-        type=Path,
-        metavar="DIR",
-        help="only simulate the tables of falls for these parameters, which takes minutes, and write them to DIR",
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -104,12 +57,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
-    if options.speed is not None and not 0.0 < options.speed <= _FASTEST_KM_H:
-        raise InputError(f"--speed {options.speed:g}: must be above 0, up to {_FASTEST_KM_H:g} km/h")
-    if options.frequency is not None and not 0.0 < options.frequency <= _MOST_PER_MIN:
-        raise InputError(f"--frequency {options.frequency:g}: must be above 0, up to {_MOST_PER_MIN:g} per minute")
-    if options.release is not None and not 0.0 <= options.release <= 180.0:
-        raise InputError(f"--release {options.release:g}: must be 0 to 180 degrees, on the bottom arc")
     if options.figure is not None and options.plot is None:
         raise InputError(f"--figure {options.figure}: has no effect without a file; add --plot FILE")
     if options.figure in FIGURE_SPEEDS_KM_H and (options.speed is not None or options.frequency is not None):
@@ -152,13 +99,13 @@ def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None
     with drawing():
         if figure in FIGURE_SPEEDS_KM_H:
             _draw_process(report, planter, path, title)
-        elif figure == _SCHEME and is_gif:
+        elif figure == SCHEME and is_gif:
             animation.write_scheme_animation(chain, path, model=model)
-        elif figure == _SCHEME:
+        elif figure == SCHEME:
             save_as(Scheme(chain, model).figure, path)
-        elif figure == _REGIMES and is_gif:
+        elif figure == REGIMES and is_gif:
             animation.write_regimes_animation(chain, path, frequency_per_min=frequency_per_min, model=model)
-        elif figure == _REGIMES:
+        elif figure == REGIMES:
             save_as(regimes_figure(chain, frequency_per_min=frequency_per_min, model=model), path)
         elif is_gif:
             animation.write_animation(motion, path, title=title)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from controller.common.capture import read_capture
 from controller.common.errors import InputError
@@ -12,36 +11,9 @@ from controller.common.modbus.io_map import IoMap
 from controller.common.suggestion import suggestion
 from controller.iomap.digest import map_digest
 from controller.iomap.loader import load_io_map
-from plant_sim.cli.options import (
-    add_fault_arguments,
-    add_machine_arguments,
-    check_machine_arguments,
-    faults_of,
-    machine_of,
-)
+from plant_sim.cli.settings import faults_of, machine_of
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.replay import Edge, PlantDifference, replay_on_plant
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``replay``."""
-    parser.add_argument("file", type=Path, help="capture of 'controller run --capture' or 'controller capture record'")
-    add_machine_arguments(parser)
-    add_fault_arguments(parser)
-    parser.add_argument(
-        "--tolerance-ms",
-        type=int,
-        default=0,
-        help="permitted difference of the times of an edge, ms; 0 for a capture in simulated time",
-    )
-    parser.add_argument(
-        "--ignore",
-        action="append",
-        default=[],
-        metavar="INPUT",
-        help="input that is not compared, by tag or address, such as the cup counters X22 and X23, whose phase at the "
-        "begin of a capture in real time is not known; may be repeated",
-    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -50,9 +22,6 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         InputError: An option or the file is invalid.
     """
-    check_machine_arguments(options)
-    if not 0 <= options.tolerance_ms <= 60_000:
-        raise InputError(f"--tolerance-ms {options.tolerance_ms}: must be 0 to 60000")
     capture = read_capture(options.file)
     io_map = load_io_map(options.io_map)
     capture.check_map(map_digest(io_map))

@@ -7,17 +7,9 @@ import contextlib
 import sys
 
 from controller.common.errors import InputError
+from controller.common.stop_request import INTERRUPTED
 from controller.iomap.loader import load_io_map
-from plant_sim.cli.options import (
-    add_fault_arguments,
-    add_machine_arguments,
-    add_network_arguments,
-    add_record_argument,
-    check_machine_arguments,
-    check_port,
-    faults_of,
-    machine_of,
-)
+from plant_sim.cli.settings import faults_of, machine_of, max_ms_of, rule_of
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.live import LiveOptions, live_trial
@@ -27,60 +19,21 @@ from plant_sim.twin.report import TrialReport
 from plant_sim.twin.trial import run_trial, show_progress
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``run``."""
-    add_machine_arguments(parser)
-    add_network_arguments(parser)
-    parser.add_argument("--fast", action="store_true", help="run in lock step in simulated time, without Modbus")
-    parser.add_argument(
-        "--real-time",
-        action="store_true",
-        help="follow the wall clock, like a real machine; the run cannot be paused or sped up",
-    )
-    parser.add_argument(
-        "--pace",
-        type=int,
-        default=100,
-        metavar="PERCENT",
-        help="initial speed of simulated time; a panel can change it (65535 = as fast as possible)",
-    )
-    parser.add_argument(
-        "--by-hand", action="store_true", help="do not press buttons automatically; start and stop at the panel"
-    )
-    parser.add_argument("--hmi-port", type=int, default=5021, help="port for operator panels; 0 = any free port")
-    parser.add_argument("--panel-port", type=int, default=8080, help="port of the web panel; 0 = any free port")
-    parser.add_argument("--no-panel", action="store_true", help="do not start the web panel")
-    parser.add_argument("--keep", action="store_true", help="continue to serve after the report, until Ctrl-C")
-    parser.add_argument(
-        "--language",
-        choices=("en", "zh"),
-        default=None,
-        help="language of the controller's texts and of the panel's page (default: en, and on the page that of the "
-        "browser)",
-    )
-    add_fault_arguments(parser)
-    add_record_argument(parser)
-
-
 def run(options: argparse.Namespace) -> int:
     """Run the trial and print the report.
 
     Returns:
-        0 if the trial completed and every seedling is accounted for, and after Ctrl-C in a run by hand; the exit code
-        of a failed process; else 1.
+        0 if the trial completed and every seedling is accounted for, and after Ctrl-C in a run by hand; 130 after
+        another Ctrl-C or SIGTERM, with the report of the trial so far; the exit code of a failed process; else 1.
 
     Raises:
         InputError: An option or a file is invalid.
     """
-    check_machine_arguments(options)
-    check_port(options)
     _check_plant(options)
     if options.fast and options.keep:
         raise InputError("--keep: cannot be combined with --fast, which serves nothing; omit one of them")
     if options.fast:
         return _fast(options)
-    if options.port == 0:
-        raise InputError("--port 0: the controller must know the port; specify one")
     try:
         return _live(options)
     except KeyboardInterrupt:
@@ -117,12 +70,15 @@ def _live(options: argparse.Namespace) -> int:
         options.machine,
         options.language,
         tuple(options.fault),
+        options.planting_frequency,
         options.record,
         options.hmi_port,
         None if options.no_panel else options.panel_port,
         options.real_time,
         options.pace,
         options.by_hand,
+        max_ms=max_ms_of(options),
+        waits=options.wait,
     )
     with ProgressView() as view, live_trial(live, view) as trial:
         print(trial.panel, file=sys.stderr, flush=True)
@@ -133,7 +89,7 @@ def _live(options: argparse.Namespace) -> int:
             if options.keep:
                 print("serving until Ctrl-C", file=sys.stderr, flush=True)
                 trial.serve()
-    return _exit_code(report)
+    return _exit_code(report) if trial.exit_code is None else trial.exit_code
 
 
 def _fast(options: argparse.Namespace) -> int:
@@ -146,10 +102,13 @@ def _fast(options: argparse.Namespace) -> int:
             parameters=machine,
             faults=faults,
             record=options.record,
-            prepare=show_progress(view, options.trays, options.language or "en"),
+            rule=rule_of(options, options.trays),
+            stop=options.stop,
+            language=options.language or "en",
+            prepare=show_progress(view, options.trays),
         )
-    print(report.text())
-    return _exit_code(report)
+    print(report.text(), flush=True)
+    return INTERRUPTED if options.stop.is_set() else _exit_code(report)
 
 
 def _exit_code(report: TrialReport) -> int:

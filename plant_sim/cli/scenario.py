@@ -5,26 +5,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-from pathlib import Path
 
-from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from plant_sim.cli.options import add_record_argument, check_seed, warn_of_ratings
-from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
+from controller.iomap.loader import load_io_map
+from plant_sim.cli.settings import warn_of_ratings
+from plant_sim.machine.parameters import load_machine
 from plant_sim.scenario.file import find_scenario, load_scenario
 from plant_sim.scenario.run import Scenario, run_scenario
 from plant_sim.twin.recording import recorded
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``scenario``."""
-    parser.add_argument("scenario", metavar="FILE|NAME", help="scenario file, or name of an included scenario")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="I/O map of the machine")
-    parser.add_argument(
-        "--machine", type=Path, default=DEFAULT_MACHINE, help="parameters of the machine; the scenario may change them"
-    )
-    parser.add_argument("--seed", type=int, default=None, help="seed to use instead of the scenario's seed")
-    add_record_argument(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -33,7 +20,6 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         InputError: An option or a file is invalid.
     """
-    check_seed(options)
     scenario = scenario_of(options)
     warn_of_ratings(scenario.machine)
     with contextlib.ExitStack() as stack:

@@ -7,34 +7,10 @@ from collections.abc import Callable
 
 from controller.common.errors import InputError
 from controller.common.modbus.rtu import SerialLine
-from plant_sim.cli.options import add_network_arguments, check_port
-from plant_sim.cli.serving import add_plant_arguments, build, operate
+from plant_sim.cli.serving import build, operate
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.machine.parameters import Machine
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``serve``."""
-    add_plant_arguments(parser)
-    add_network_arguments(parser)
-    parser.add_argument(
-        "--serial",
-        default=None,
-        metavar="DEVICE:BAUD:FRAME:UNIT",
-        help="serial line on which the plant is a Modbus RTU device as well, e.g. /dev/ttyUSB0:19200:8E1:1",
-    )
-    parser.add_argument(
-        "--wire-time",
-        action="store_true",
-        help="model the transmission time of --serial, for a pseudo-terminal, which transmits at once",
-    )
-    parser.add_argument(
-        "--lock-step-ms",
-        type=int,
-        default=None,
-        help="milliseconds of plant time per write of the outputs, instead of real time",
-    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -67,8 +43,7 @@ def check(options: argparse.Namespace) -> None:
     """Check the options of the servers.
 
     Raises:
-        InputError: An option is out of range, or has no effect.
+        InputError: An option has no effect.
     """
-    check_port(options)
     if options.wire_time and options.serial is None:
         raise InputError("--wire-time: requires --serial; add it, or omit --wire-time")

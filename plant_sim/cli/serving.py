@@ -6,23 +6,14 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Callable, Iterator
-from typing import Final
 
 from controller.common.errors import InputError
 from controller.common.modbus.address import listening_remedy
 from controller.common.modbus.rtu import SerialLine
-from controller.common.real_time import add_real_time_arguments, claim_real_time, freeze_garbage, pin
+from controller.common.real_time import claim_real_time, freeze_garbage, pin
 from controller.common.supervision.tasks import run_supervised
 from controller.iomap.loader import load_io_map
-from plant_sim.cli.options import (
-    add_air_argument,
-    add_fault_arguments,
-    add_machine_arguments,
-    add_record_argument,
-    check_machine_arguments,
-    faults_of,
-    machine_of,
-)
+from plant_sim.cli.settings import faults_of, machine_of
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.plc.client import PlcClient
@@ -30,40 +21,6 @@ from plant_sim.links.real_time import precise_loop
 from plant_sim.links.serve import serve
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
-
-MAX_PLANTING_FREQUENCY_PER_MIN: Final = 300.0
-"""Highest planting frequency, cups per minute per row."""
-
-
-def add_plant_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the plant, its output watchdog and its time."""
-    add_machine_arguments(parser)
-    parser.add_argument(
-        "--watchdog-ms", type=int, default=100, help="time without a write after which outputs go to safe levels"
-    )
-    parser.add_argument(
-        "--gap-limit-ms",
-        type=int,
-        default=None,
-        help="time without a write that is reported as a gap; default: half of --watchdog-ms",
-    )
-    parser.add_argument(
-        "--allow-remote",
-        action="store_true",
-        help="permit an address to listen on that other computers can reach; Modbus has no password",
-    )
-    add_frequency_argument(parser)
-    add_real_time_arguments(parser)
-    add_air_argument(parser)
-    add_fault_arguments(parser)
-    add_record_argument(parser)
-
-
-def add_frequency_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option for the planting frequency."""
-    parser.add_argument(
-        "--planting-frequency", type=float, default=None, help="cups per minute per row; 0 = tractor stationary"
-    )
 
 
 def build(options: argparse.Namespace, module_type: type[IoModule] = IoModule) -> tuple[IoModule, Machine]:
@@ -76,21 +33,11 @@ def build(options: argparse.Namespace, module_type: type[IoModule] = IoModule) -
     Raises:
         InputError: An option or a file is invalid.
     """
-    check_machine_arguments(options)
     claim_real_time(options)
-    if not 0 <= (options.planting_frequency or 0) <= MAX_PLANTING_FREQUENCY_PER_MIN:
-        raise InputError(
-            f"--planting-frequency {options.planting_frequency}: must be 0 to {MAX_PLANTING_FREQUENCY_PER_MIN:g}"
-        )
     io_map = load_io_map(options.io_map)
     machine = machine_of(options)
     plant = Plant(io_map, machine, seed=options.seed, trays=options.trays, faults=faults_of(options))
-    if options.planting_frequency is not None:
-        plant.planting_frequency_per_min = options.planting_frequency
-    try:
-        module = module_type(plant, io_map, watchdog_ms=options.watchdog_ms)
-    except ValueError as error:
-        raise InputError(str(error)) from error
+    module = module_type(plant, io_map, watchdog_ms=options.watchdog_ms)
     module.lease.on_refusal = _refusal_report(module)
     return module, machine
 

@@ -11,7 +11,6 @@ import logging
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from pathlib import Path
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -20,41 +19,20 @@ from controller.common.errors import InputError
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.verify.mutants.sample import mutants_of
-from plant_sim.cli.options import check_seed
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.fault_matrix.cases import Subject, part_of
 from plant_sim.fault_matrix.judge import expectation
 from plant_sim.faults import FAULTS
-from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
+from plant_sim.machine.parameters import load_machine
 from plant_sim.stories.drawn.action import Deed, StoryAction, parse_story
 from plant_sim.stories.drawn.report import StoryRun, sighting_lines
 from plant_sim.stories.drawn.verdict import FINDINGS, AcceptedHarm
 from plant_sim.stories.judge import Judge
 
-MOST_STORIES = 100_000
 FREED = {("jammed", "lift"): ("dropping_arm", "lift"), ("jammed", "slide"): ("stuck_valve", "slide")}
 """Faults with whose harm a jam may end that is freed under pressure: the device jumps (docs/stored-air.md)."""
 JUMP_INWARD = frozenset({"arm_through_tray", "one_in_the_centre", "arms_collide"})
 """Harm of a slide that loses its air while it is driven inward: nothing throttles it, and it jumps past its row."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``stories``."""
-    parser.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="I/O map of the machine")
-    parser.add_argument("--machine", type=Path, default=DEFAULT_MACHINE, help="parameters of the machine")
-    parser.add_argument(
-        "--random",
-        type=int,
-        default=None,
-        metavar="N",
-        help="play N random stories of faults and actions instead, and report harm and coverage",
-    )
-    parser.add_argument("--seed", type=int, default=1, help="with --random: seed of all stories")
-    parser.add_argument(
-        "--undirected",
-        action="store_true",
-        help="with --random: draw every action uniformly, without regard to the coverage, for comparison",
-    )
-    parser.add_argument("--replay", default=None, metavar="STORY", help="play one random story, as a report prints it")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -110,9 +88,6 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _play_random(options: argparse.Namespace) -> int:
-    if not 1 <= options.random <= MOST_STORIES:
-        raise InputError(f"--random {options.random}: must be 1 to {MOST_STORIES}")
-    check_seed(options)
     stories = story_run(options)
     columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=Console(stderr=True)) as progress:

@@ -14,6 +14,9 @@ from plant_sim.crop.traits import TYPICAL, Traits, draw_traits
 CELLS_ALONG = 12
 """Number of cells of a tray in the direction of travel, and of claws per arm. Source: docs/sources/machine.md 1."""
 
+PICK_ORDER = (0, 5, 1, 4, 2, 3)
+"""Columns in the order in which both arms pick them: rows 1 to 3 of each arm, from the outside inward."""
+
 COLUMNS = 6
 """Number of columns of cells across a tray: three pick positions for each arm. Source: docs/sources/machine.md 1."""
 
@@ -41,9 +44,10 @@ class Seedling:
         tray: Number of its tray.
         column: Column in the tray, 0 at the left.
         along: Cell in the column, 0 at the front edge; also the number of the claw that picks it.
+        number: Number of the seedling in the order of trays, columns and cells.
     """
 
-    __slots__ = ("_all", "_number", "along", "column", "tray")
+    __slots__ = ("_all", "along", "column", "number", "tray")
 
     def __init__(self, tray: int, column: int, along: int, everyone: _Population) -> None:
         """Create a seedling standing in its cell, as the next one of a population."""
@@ -51,35 +55,36 @@ class Seedling:
         self.column = column
         self.along = along
         self._all = everyone
-        self._number = len(everyone.locations) - 1
+        self.number = len(everyone.locations) - 1
 
     @property
     def location(self) -> Location:
         """Current location."""
-        return self._all.locations[self._number]
+        return self._all.locations[self.number]
 
     @property
     def traits(self) -> Traits:
         """Individual deviations."""
-        return self._all.traits[self._number]
+        return self._all.traits[self.number]
 
     @traits.setter
     def traits(self, traits: Traits) -> None:
-        self._all.traits[self._number] = traits
+        self._all.traits[self.number] = traits
 
     def place(self, location: Location) -> None:
         """Set the location; called only by `Seedlings.move`."""
-        self._all.locations[self._number] = location
+        self._all.locations[self.number] = location
 
 
 class _Population(Saved):
     """Locations and traits of all seedlings."""
 
-    SAVED = ("locations", "traits")
+    SAVED = ("locations", "ploughed", "traits")
 
-    __slots__ = ("locations", "traits")
+    __slots__ = ("locations", "ploughed", "traits")
 
     def __init__(self) -> None:
+        self.ploughed: set[int] = set()
         self.locations: list[Location] = []
         self.traits: list[Traits] = []
 
@@ -105,6 +110,7 @@ class SeedlingCounts:
         D: Lost while carrying.
         T: Lost while throwing.
         total: All seedlings.
+        ploughed: Those in a cell through which an arm has been driven; they are contained in `in_tray`.
     """
 
     in_tray: int
@@ -114,6 +120,7 @@ class SeedlingCounts:
     D: int
     T: int
     total: int
+    ploughed: int = 0
 
 
 class Seedlings(Saved):
@@ -128,6 +135,7 @@ class Seedlings(Saved):
     """
 
     SAVED = ("_at", "move_count", "total")
+    _IN_TRAY = (Location.STANDING, Location.CLAMPED)
 
     def __init__(self, *, trays: int, seed: int) -> None:
         """Create the seedlings of all trays.
@@ -181,6 +189,18 @@ class Seedlings(Saved):
         self._at[Location.STANDING] -= cells
         self.total -= cells
 
+    def fill_in_pick_order(self, tray: int, seedlings: int) -> None:
+        """Remove the seedlings of a tray from the cells that are picked last, so that the given number remains.
+
+        Args:
+            tray: Tray number; the tray must be full and untouched.
+            seedlings: Number of remaining seedlings.
+        """
+        for place, column in enumerate(PICK_ORDER):
+            del self._trays[tray][column][max(0, seedlings - place * CELLS_ALONG) :]
+        self._at[Location.STANDING] -= TRAY_CELLS - seedlings
+        self.total -= TRAY_CELLS - seedlings
+
     def make_typical(self) -> None:
         """Give every seedling typical traits; a typical seedling does not fail if the motion is correct."""
         for seedling in self:
@@ -199,9 +219,13 @@ class Seedlings(Saved):
         if self.moves is not None:
             self.moves.append((seedling, location))
 
+    def plough(self, seedling: Seedling) -> None:
+        """Note that an arm has been driven through a standing seedling."""
+        self._population.ploughed.add(seedling.number)
+
     def counts(self) -> SeedlingCounts:
         """Return the number of seedlings by location."""
-        at = self._at
+        at, everyone = self._at, self._population
         return SeedlingCounts(
             in_tray=at[Location.STANDING] + at[Location.CLAMPED],
             in_claw=at[Location.IN_CLAW] + at[Location.FALLING],
@@ -210,4 +234,5 @@ class Seedlings(Saved):
             D=at[Location.LOST_CARRY],
             T=at[Location.LOST_THROW],
             total=self.total,
+            ploughed=sum(everyone.locations[number] in self._IN_TRAY for number in everyone.ploughed),
         )

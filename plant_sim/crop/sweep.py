@@ -165,9 +165,12 @@ class Sweep(Saved):
                 f"the lowered {self._reach.side} arm {how} column {index + 1} from its side, "
                 f"with {len(stems)} standing seedlings"
             )
-            self._collide(text, stems if damage else [])
+            self._collide(text, stems, damage=damage)
 
-    def _collide(self, text: str, damaged: list[Seedling]) -> None:
+    def _collide(self, text: str, stems: list[Seedling], *, damage: bool = True) -> None:
         self._report(Incident.ARM_THROUGH_TRAY, text)
-        for seedling in damaged:
-            self._seedlings.move(seedling, Location.LOST_PICK)
+        for seedling in stems:
+            if damage:
+                self._seedlings.move(seedling, Location.LOST_PICK)
+            else:
+                self._seedlings.plough(seedling)

@@ -26,8 +26,8 @@ from plant_sim.fault_matrix.stops import StopKind
 from plant_sim.faults import Fault
 from plant_sim.twin.lock_step import NotReachedError, Twin
 from plant_sim.twin.monitors import STOP_ALARMS, collect_violations
+from plant_sim.twin.progress import ROWS_A_TRAY
 from plant_sim.twin.recovery import HOMING_LIMIT_MS, answer_truly, begin_homing, questions
-from plant_sim.twin.trial import ROWS_A_TRAY
 
 KINDS: Final = ("stuck_on", "stuck_off")
 UNAWARE_MS: Final = 500

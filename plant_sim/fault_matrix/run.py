@@ -13,11 +13,12 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.operator.buttons import STUCK_MS
 from controller.program.states import State
 from controller.program.tags import SIDES
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.crop.seedling import CELLS_ALONG, SeedlingCounts
 from plant_sim.fault_matrix.first_signal import FirstSignal, ListedAlarms, Signal
 from plant_sim.fault_matrix.following import Followed, follow
 from plant_sim.faults import FAULTS, Fault
-from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
+from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.twin.lock_step import NotReachedError, Twin, TwinSnapshot
 from plant_sim.twin.monitors import collect_violations
 from plant_sim.twin.recovery import clear, home_again, questions, repair

@@ -10,40 +10,18 @@ from plant_sim.faults import FaultError, parse_fault
 from plant_sim.hil.machine_view import FLICKER_CHANGES, SIDES, MachineView
 from plant_sim.hil.procedure import CaseError, Condition, NotRunError, Procedure, Wait
 from plant_sim.hil.reference import TrialQuantities
+from plant_sim.hil.selection import BenchLimits
 from plant_sim.hil.situations import SituationLog
 from plant_sim.hil.trace import WireTrace
 from plant_sim.hil.work import WorkMeter
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
+from plant_sim.machine.stored_air import relieve
 
 RELEASED_MS: Final = 1_500
 """Time without motion after which a machine without an active output rests, ms."""
 HELD_MS: Final = 10_000
 """Time without motion and without a change of the outputs after which a machine with active outputs rests, ms."""
-
-
-@dataclass(frozen=True, slots=True)
-class BenchLimits:
-    """Limits by which a controller is judged.
-
-    The defaults are assumptions that a slow PLC with a slow link still meets.
-
-    Attributes:
-        stop_ms: Longest time from the emergency stop to the last actuator switched off, ms.
-        begin_ms: Longest time from a press to the first actuator switched on, ms. An arm that is loaded may have to
-            wait for twelve cups, 16 s at 45 cups per minute.
-        home_ms: Longest time of homing, ms.
-        cycle_ms: Longest time until a row has been thrown while the machine runs, ms.
-        margin_ms: Least increase of the scan time that the controller must tolerate, ms.
-        clear_ms: Duration of the press of the stop button that clears an emergency stop, ms.
-    """
-
-    stop_ms: int = 100
-    begin_ms: int = 30_000
-    home_ms: int = 60_000
-    cycle_ms: int = 60_000
-    margin_ms: int = 10
-    clear_ms: int = 3_300
 
 
 class Figure(NamedTuple):
@@ -249,9 +227,17 @@ class Bench:
         self.findings.mark_ms = self.now_ms
 
     def repair(self) -> None:
-        """Clear the faults that cases have started; those of the options remain."""
+        """Clear the faults that cases have started; those of the options remain.
+
+        The arm is supported and a jammed slide or lift relieved first, as the guide requires: the air behind it would
+        drive it as soon as it is free, with all coils off.
+        """
+        plant = self.module.plant
         while self._faults:
-            self.module.plant.faults.clear(self._faults.pop())
+            name = self._faults.pop()
+            if name.startswith("jammed:") and name.endswith((".slide", ".lift")):
+                relieve(plant, name.removeprefix("jammed:"))
+            plant.faults.clear(name)
 
     def end_work(self) -> None:
         """End the span of undisturbed work, and judge it."""

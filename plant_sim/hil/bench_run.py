@@ -5,12 +5,9 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Final
 
 from plant_sim.hil.bench import Bench, Figure, Findings
 from plant_sim.hil.cases import (
-    EDGE,
-    WORK,
     Case,
     fault_cases,
     first_cases,
@@ -24,19 +21,12 @@ from plant_sim.hil.cases import (
     work_cases,
 )
 from plant_sim.hil.machine_view import SHORTEST_MS
-from plant_sim.hil.press_cases import PRESS, REST, first_motion_cases, press_cases, rest_cases
+from plant_sim.hil.press_cases import first_motion_cases, press_cases, rest_cases
 from plant_sim.hil.procedure import CaseError, NotRunError, Procedure
 from plant_sim.hil.random_operator import random_cases
 from plant_sim.hil.reference import TrialQuantities
-from plant_sim.hil.wire_cases import SUPPLY, WIRES, supply_cases, wire_cases
-
-FIRST_GROUPS: Final = ("power-up", "homing", "cycle", "trial", "stop")
-"""Groups that always run, because the others need the situations of their trial."""
-GROUPS: Final = (*FIRST_GROUPS, PRESS, REST, "emergency stop", EDGE, "fault", WIRES, SUPPLY, WORK, "scan-time margin")
-"""Groups of cases in their order."""
-
-SHORT_GROUPS: Final = (*FIRST_GROUPS, PRESS, REST)
-"""Groups of a short run: 1,947 s with the reference program."""
+from plant_sim.hil.selection import FIRST_GROUPS, GROUPS
+from plant_sim.hil.wire_cases import supply_cases, wire_cases
 
 
 class CaseVerdict(enum.StrEnum):

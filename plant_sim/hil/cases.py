@@ -8,12 +8,14 @@ from functools import partial
 from typing import Final, NamedTuple
 
 from plant_sim.crop.seedling import CELLS_ALONG, TRAY_CELLS
-from plant_sim.hil.answers import LAMP, answer, has_lamp
+from plant_sim.hil.answers import answer, has_lamp
 from plant_sim.hil.bench import Bench, Figure
 from plant_sim.hil.bench_module import BenchModule
 from plant_sim.hil.procedure import CaseError, NotRunError, Procedure, Wait
 from plant_sim.hil.reference import TRIAL_SEEDLINGS, TRIAL_TRAYS, TrialQuantities, excesses, most
+from plant_sim.hil.selection import EDGE, WORK
 from plant_sim.hil.situations import OutputSituation
+from plant_sim.twin.question_lamp import LAMP
 
 ROWS_OF_A_CYCLE: Final = 2
 FAULTS: Final = (
@@ -37,18 +39,20 @@ FAULTS: Final = (
 """One fault of every class that a program can detect by its inputs without damage (docs/fault-matrix.md)."""
 ASKED_AFTER: Final = frozenset({"jammed:conveyor"})
 """Faults after which the reference program asks the operator."""
-EDGE: Final = "emergency stop at an edge"
-"""Group of the emergency stops at the beginning of a situation, which is the end of the one before, and in the first
-motions after a press of start."""
 DEAD_TIMES_MS: Final = (0, 5, 10, 15, 20, 30, 40, 60, 80)
 """Dead times of the margin in each direction, ms."""
 GONE: Final = ("IN_CUP", "LOST_PICK", "LOST_CARRY", "LOST_THROW")
 """Places of the seedlings that have left the machine."""
-WORK: Final = "work"
 WORK_MS: Final = 300_000
 """Time for which the machine works undisturbed, so that rare faults of a program are seen, ms."""
+WORK_AGAIN_MS: Final = 120_000
+"""Time for which the machine works undisturbed after a stop, ms: more than two trays at 45 cups per minute."""
 REST_MS: Final = 60_000
 """Time for which a machine at rest is watched once for each kind of rest, ms."""
+WARNING_MS: Final = 5_000
+"""Longest time from a press of start to the first motion, ms: a start warning takes 2 s. Else a question is asked."""
+PRESSES_TO_WORK: Final = 5
+"""Presses of start by which the machine must work: a refused one, two questions, homing, and the start."""
 AT_REST_MS: Final = 20_000
 """Time without motion after which a machine counts as stopped, ms: twelve cups at 45 cups per minute take 16 s."""
 
@@ -92,8 +96,10 @@ def fault_cases() -> Iterator[Case]:
 
 
 def work_cases() -> Iterator[Case]:
-    """Return a long span of undisturbed work."""
+    """Return a long span of undisturbed work, and one after each kind of stop that is no fault."""
     yield Case(WORK, f"{WORK_MS // 1_000} s undisturbed", partial(Bench.pause, for_ms=WORK_MS), starts=True)
+    yield Case(WORK, "after an emergency stop", work_after_emergency_stop, starts=True)
+    yield Case(WORK, "after a stop and a rest", work_after_rest, starts=True)
 
 
 def margin_cases() -> Iterator[Case]:
@@ -131,47 +137,64 @@ def homing(bench: Bench) -> Procedure:
         bench.violate("unexpected start", f"{picked} seedlings picked while homing")
 
 
-def home(bench: Bench) -> Procedure:
-    """Press start until both arms rest at feed; three presses are permitted, as after an alarm.
+def home(bench: Bench, *, after_fault: bool = False) -> Procedure:
+    """Press start until both arms rest at feed.
 
-    If the first press switches nothing on, the emergency stop is pressed, released and cleared first: a PLC that ran
-    before the plant was connected has seen it, and a program whose machine constants differ waits for it.
+    The first press that moves the machine must suffice; after a fault, three presses are permitted, because the first
+    ones may end with an alarm. If the first press switches nothing on and asks nothing, the emergency stop is pressed
+    and cleared: a PLC may have seen it off before the plant was connected, or wait for it because its constants differ.
     """
     begun_ms = bench.now_ms
     for attempt in range(3):
         bench.forbidden = ""
         pressed_ms = bench.now_ms
-        yield from bench.hold("start", 200)
-        yield from bench.pause(1_500)
-        if attempt == 0 and bench.view.changed_ms < pressed_ms:
+        moves = yield from press_start(bench)
+        if not moves and (yield from answer(bench)):
+            continue
+        if attempt == 0 and not moves:
             yield from stop_and_clear(bench)
             continue
         if (yield from bench.reached(lambda: bench.is_home, bench.limits.home_ms)):
             bench.findings.figures["homing"] = _seconds_since(bench, begun_ms)
             return
+        if moves and not after_fault:
+            bench.violate("homing", "a press of start moved the machine, but did not bring both arms to feed")
         yield from answer(bench)
     limit = f"{bench.limits.home_ms / 1000:g} s of a press of start"
     raise CaseError(f"both arms at feed: not within {limit}{_silence(bench, pressed_ms)}")
 
 
+def press_start(bench: Bench) -> Generator[Wait, bool, bool]:
+    """Press start, and wait until an actuator is switched; return whether one was, also after a start warning."""
+    pressed_ms = bench.now_ms
+    yield from bench.hold("start", 200)
+    return (yield from bench.reached(partial(_switched_since, bench, pressed_ms), WARNING_MS))
+
+
 def run(bench: Bench) -> Procedure:
-    """Press start until the machine works; the first press may home it."""
+    """Press start until the machine works, after an answer and homing; stop one that refuses start, to home it."""
     bench.forbidden = ""
-    for _ in range(4):
+    for _ in range(PRESSES_TO_WORK):
         in_tray, pressed_ms = bench.module.plant.counts().in_tray, bench.now_ms
-        yield from bench.hold("start", 200)
-        if (yield from bench.reached(partial(_picked_since, bench, in_tray), bench.limits.begin_ms)):
+        if not (yield from press_start(bench)) and (yield from answer(bench)):
+            continue
+        yield from bench.reached(partial(_picked_or_homed, bench, in_tray, pressed_ms), bench.limits.begin_ms)
+        if _picked_since(bench, in_tray):
             bench.work.begin()
             return
-        yield from answer(bench)
-    limit = f"{bench.limits.begin_ms / 1000:g} s of a press of start"
-    raise CaseError(f"no seedling picked within {limit}{_silence(bench, pressed_ms)}")
+        if not _switched_since(bench, pressed_ms):
+            yield from bench.hold("stop", 200)
+        elif not bench.is_home:
+            yield from answer(bench)
+    raise CaseError(f"no seedling picked by {PRESSES_TO_WORK} presses of start{_silence(bench, pressed_ms)}")
 
 
 def one_cycle(bench: Bench) -> Procedure:
-    """Press start; require the first 24 seedlings out of the tray and out of the claws."""
+    """Press start, again after an answer and homing; require the first row of each arm picked and thrown."""
     begun_ms = bench.now_ms
-    yield from bench.hold("start", 200)
+    if not (yield from press_start(bench)) and (yield from answer(bench)):
+        yield from home(bench)
+        yield from press_start(bench)
     plant = bench.module.plant
     total = plant.counts().total
     yield from bench.until(
@@ -275,7 +298,7 @@ def fault_class(fault: str, bench: Bench) -> Procedure:
     yield from bench.pause(2_000)
     if stopped:
         yield from bench.hold("stop", bench.limits.clear_ms)
-        yield from home(bench)
+        yield from home(bench, after_fault=True)
     yield from run(bench)
 
 
@@ -313,6 +336,24 @@ def margin(bench: Bench) -> Procedure:
         raise CaseError(f"tolerates a scan longer by {2 * tolerated_ms} ms only; {bench.limits.margin_ms} ms required")
 
 
+def work_after_emergency_stop(bench: Bench) -> Procedure:
+    """Interrupt the work by the emergency stop, and home; require normal work afterwards."""
+    yield from stop_and_clear(bench)
+    yield from home(bench)
+    yield from run(bench)
+    yield from bench.pause(WORK_AGAIN_MS)
+
+
+def work_after_rest(bench: Bench) -> Procedure:
+    """Press stop, and let the machine rest; require normal work afterwards."""
+    rows = bench.view.rows.copy()
+    yield from bench.hold("stop", 200)
+    yield from rest_after_stop(bench, rows)
+    yield from rest(bench, "after stop, before start was pressed")
+    yield from run(bench)
+    yield from bench.pause(WORK_AGAIN_MS)
+
+
 def shortage_of_trays(bench: Bench) -> str:
     """Return the reason if the trays in the magazine do not suffice for another case; empty = they do."""
     left = bench.module.plant.counts().in_tray
@@ -337,12 +378,20 @@ def _lost_of_a_tray(bench: Bench) -> Generator[Wait, bool, int]:
 
 def _silence(bench: Bench, pressed_ms: int) -> str:
     """Return the addition to a message if no actuator has been switched since a press."""
-    silent = bench.view.changed_ms < pressed_ms
+    silent = not _switched_since(bench, pressed_ms)
     return "; no output since the press: the controller may wait for an answer" if silent else ""
 
 
 def _seconds_since(bench: Bench, begun_ms: int) -> Figure:
     return Figure((bench.now_ms - begun_ms) / 1_000, "s")
+
+
+def _switched_since(bench: Bench, pressed_ms: int) -> bool:
+    return bench.view.changed_ms >= pressed_ms
+
+
+def _picked_or_homed(bench: Bench, in_tray: int, pressed_ms: int) -> bool:
+    return _picked_since(bench, in_tray) or (_switched_since(bench, pressed_ms) and bench.is_home)
 
 
 def _picked_since(bench: Bench, in_tray: int) -> bool:

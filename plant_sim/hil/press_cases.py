@@ -6,17 +6,17 @@ contact and the emergency stop have precedence over start.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Generator, Iterator
 from functools import partial
 from typing import Final
 
 from plant_sim.hil.answers import answer
 from plant_sim.hil.bench import Bench
-from plant_sim.hil.cases import AT_REST_MS, EDGE, REST_MS, Case, home, rest, rest_after_stop, stop_and_clear
-from plant_sim.hil.procedure import NotRunError, Procedure
+from plant_sim.hil.cases import AT_REST_MS, REST_MS, Case, home, press_start, rest, rest_after_stop, stop_and_clear
+from plant_sim.hil.procedure import NotRunError, Procedure, Wait
+from plant_sim.hil.selection import EDGE, PRESS, REST
 
-PRESS: Final = "press"
-REST: Final = "rest"
 HOMING_MS: Final = (100, 500, 1_500, 4_000)
 """Times after the press of start at which homing is interrupted by the emergency stop, ms."""
 FIRST_CYCLE_MS: Final = (200, 1_500, 3_000, 5_000, 8_000)
@@ -89,37 +89,25 @@ def hold_start_and_clear(bench: Bench) -> Procedure:
 
 def start_while_homing(bench: Bench) -> Procedure:
     """Press start again while the machine homes; require that it homes, and then rests."""
-    yield from _ready_to_home(bench)
-    rows = bench.view.rows.copy()
-    bench.forbidden = ""
-    yield from bench.hold("start", 200)
-    yield from bench.pause(800)
-    yield from bench.hold("start", 200)
+    rows = yield from _press_while_homing("start", bench)
     yield from _require_home(bench)
     yield from rest(bench, "after a press of start while homing", AT_REST_MS)
-    _forbid_rows(bench, sum((bench.view.rows - rows).values()), "after a press of start while homing")
+    _forbid_rows_since(rows, bench, "after a press of start while homing")
 
 
 def stop_while_homing(bench: Bench) -> Procedure:
     """Press stop while the machine homes; require that it rests, and takes no seedlings."""
-    yield from _ready_to_home(bench)
-    rows = bench.view.rows.copy()
-    bench.forbidden = ""
-    yield from bench.hold("start", 200)
-    yield from bench.pause(800)
-    yield from bench.hold("stop", 200)
+    rows = yield from _press_while_homing("stop", bench)
     yield from rest_after_stop(bench, rows)
-    _forbid_rows(bench, sum((bench.view.rows - rows).values()), "after a press of stop while homing")
+    _forbid_rows_since(rows, bench, "after a press of stop while homing")
     yield from home(bench)
 
 
 def stuck_start(bench: Bench) -> Procedure:
     """Hold start for a minute; require that the machine homes at most, and that the release moves nothing."""
-    yield from _ready_to_home(bench)
-    rows = bench.view.rows.copy()
-    bench.forbidden = ""
+    rows = yield from _ready_to_home(bench)
     yield from bench.hold("start", REST_MS)
-    _forbid_rows(bench, sum((bench.view.rows - rows).values()), "by one press of start that lasted a minute")
+    _forbid_rows_since(rows, bench, "by one press of start that lasted a minute")
     yield from rest(bench, "after the release of start", HELD_MS)
     yield from home(bench)
 
@@ -151,7 +139,7 @@ def hold_start_and_return_air(bench: Bench) -> Procedure:
     yield from bench.pause(HELD_MS)
     bench.module.plant.box.start = False
     yield from bench.pause(HELD_MS)
-    yield from _clear_and_home(bench)
+    yield from _clear_and_home(bench, after_fault=True)
 
 
 def break_stop(bench: Bench) -> Procedure:
@@ -196,7 +184,6 @@ def interrupt_first_cycle(after_ms: int, bench: Bench) -> Procedure:
 
 
 def _start_and_interrupt(bench: Bench, after_ms: int) -> Procedure:
-    bench.forbidden = ""
     bench.module.plant.box.start = True
     yield from bench.pause(min(after_ms, 200))
     bench.module.plant.box.start = False
@@ -247,21 +234,35 @@ def rest_after_fault(bench: Bench) -> Procedure:
     bench.forbid("after the repair, before start was pressed", resting=bench.view.on)
     bench.repair()
     yield from bench.pause(REST_MS)
-    yield from _clear_and_home(bench)
+    yield from _clear_and_home(bench, after_fault=True)
 
 
 # --- parts
 
 
-def _ready_to_home(bench: Bench) -> Procedure:
-    """Press and clear the emergency stop, and answer what the next press of start asks; the one after it homes."""
+def _press_while_homing(button: str, bench: Bench) -> Generator[Wait, bool, Counter[str]]:
+    """Press start, and a button while the machine homes; return `MachineView.rows` at the press of start."""
+    rows = yield from _ready_to_home(bench)
+    yield from press_start(bench)
+    yield from bench.pause(800)
+    yield from bench.hold(button, 200)
+    return rows
+
+
+def _ready_to_home(bench: Bench) -> Generator[Wait, bool, Counter[str]]:
+    """Press and clear the emergency stop, and answer what the next press of start asks; the one after it homes.
+
+    Returns:
+        `MachineView.rows` before this press.
+    """
     yield from stop_and_clear(bench)
     bench.forbidden = ""
-    yield from bench.hold("start", 200)
-    if (yield from bench.reached(lambda: bool(bench.view.on), 1_000)):
+    if (yield from press_start(bench)):
         yield from stop_and_clear(bench)  # a controller that asks nothing
+        bench.forbidden = ""
     else:
         yield from answer(bench)
+    return bench.view.rows.copy()
 
 
 def _clear_and_start(bench: Bench) -> Procedure:
@@ -272,10 +273,10 @@ def _clear_and_start(bench: Bench) -> Procedure:
         yield from bench.pause(HELD_MS)
 
 
-def _clear_and_home(bench: Bench) -> Procedure:
+def _clear_and_home(bench: Bench, *, after_fault: bool = False) -> Procedure:
     yield from bench.hold("stop", bench.limits.clear_ms)
     yield from bench.pause(1_000)
-    yield from home(bench)
+    yield from home(bench, after_fault=after_fault)
 
 
 def _require_home(bench: Bench) -> Procedure:
@@ -292,6 +293,6 @@ def _rest_or_not_run(bench: Bench) -> Procedure:
         raise NotRunError("the machine does not stop for the fault")
 
 
-def _forbid_rows(bench: Bench, rows: int, reason: str) -> None:
-    if rows:
+def _forbid_rows_since(before: Counter[str], bench: Bench, reason: str) -> None:
+    if rows := (bench.view.rows - before).total():
         bench.violate("unexpected start", f"{rows} rows taken {reason}")

@@ -6,10 +6,10 @@ from functools import partial
 from random import Random
 from typing import Final
 
-from plant_sim.hil.answers import PERIOD_MS, answer
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.cases import Case, home, run, shortage_of_trays, stop_and_clear
 from plant_sim.hil.procedure import NotRunError, Procedure
+from plant_sim.twin.question_lamp import PERIOD_MS
 
 RANDOM: Final = "random operator"
 SHORT_MS: Final = (60, 1_800)
@@ -68,8 +68,7 @@ def _emergency_stop(chance: Random, bench: Bench) -> Procedure:
 
 
 def _work(chance: Random, bench: Bench) -> Procedure:
-    """Answer, clear and home, and let the machine work for some rows."""
-    yield from answer(bench)
+    """Clear, home and answer, and let the machine work for some rows."""
     yield from stop_and_clear(bench)
     yield from home(bench)
     yield from run(bench)

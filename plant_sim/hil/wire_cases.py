@@ -10,9 +10,8 @@ from plant_sim.hil.bench import Bench, ControllerSupply
 from plant_sim.hil.bench_module import BenchModule
 from plant_sim.hil.cases import AT_REST_MS, Case, home, rest_after_stop, run, stop_and_clear
 from plant_sim.hil.procedure import NotRunError, Procedure
+from plant_sim.hil.selection import SUPPLY, WIRES
 
-WIRES: Final = "wires"
-SUPPLY: Final = "power and link"
 SHORTS: Final = (
     ("left.lift_up", "left.lift_down"),
     ("right.slide_at_feed", "right.slide_at_pick_1"),
@@ -117,7 +116,7 @@ def interrupt(attribute: str, held: bool, bench: Bench) -> Procedure:
 def _recover(bench: Bench) -> Procedure:
     """Press and clear the emergency stop, home, and let the machine work."""
     yield from stop_and_clear(bench)
-    yield from home(bench)
+    yield from home(bench, after_fault=True)
     yield from run(bench)
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
 from controller.core.expr import all_of
 from controller.program.set_points import SetPoints
 from controller.program.tags import SIDES
+from plant_sim.common.capacity import MOST_TRAYS
 from plant_sim.crop.planting_row import PassedCup, PlantingRow
 from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS, Location
 from plant_sim.line.drive import Drive
@@ -19,9 +19,6 @@ from plant_sim.line.ground import Floats, SpeedProfile
 from plant_sim.line.row import FedRow, Integers, Missing
 from plant_sim.machine.parameters import Machine
 from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
-
-MOST_TRAYS: Final = 1_000
-"""Capacity of the magazine."""
 
 _FROM_LAST_CLAW = CELLS_ALONG - 0.5
 """Chain travel, in pitches, from which cup 0 is out of reach of the last claw."""

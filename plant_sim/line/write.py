@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+from errno import EACCES, ENOENT, ENOTDIR
 from pathlib import Path
 from typing import Final
 
@@ -47,16 +49,16 @@ _LODGED = ("lodged", "#D55E00", "_")
 _MISSING = ("missing", "#444444", "x")
 
 
-def make_folder(out: Path) -> None:
-    """Create the folder for the files if it does not exist; its parent must exist.
+def check_folder(out: Path) -> None:
+    """Check before a run that the folder for its files exists or can be created in its parent; nothing is created.
 
     Raises:
-        LineError: The folder cannot be created.
+        LineError: The folder cannot be created or written.
     """
-    try:
-        out.mkdir(exist_ok=True)
-    except OSError as error:
-        raise LineError(f"{out}: cannot be created ({error.strerror}); specify another --out") from None
+    nearest = out if out.exists() else out.parent
+    number = ENOENT if not nearest.exists() else ENOTDIR if not nearest.is_dir() else EACCES
+    if number != EACCES or not os.access(nearest, os.W_OK):
+        raise LineError(f"{out}: cannot be created ({os.strerror(number)}); specify another --out")
 
 
 def write_result(result: LineResult, out: Path) -> list[Path]:
@@ -64,7 +66,7 @@ def write_result(result: LineResult, out: Path) -> list[Path]:
 
     Args:
         result: The result.
-        out: Existing folder.
+        out: Folder, which is created if it does not exist.
 
     Returns:
         The paths of the files.
@@ -73,6 +75,10 @@ def write_result(result: LineResult, out: Path) -> list[Path]:
         InputError: A file cannot be written.
     """
     plants = plant_table(result)
+    try:
+        out.mkdir(exist_ok=True)
+    except OSError as error:
+        raise LineError(f"{out}: cannot be created ({error.strerror}); specify another --out") from None
     csv_path, parquet_path, json_path = out / "plants.csv", out / "plants.parquet", out / "result.json"
     write_whole(csv_path, lambda part: _write_csv(plants, part))
     write_whole(parquet_path, lambda part: _write_parquet(plants, part))

@@ -30,13 +30,12 @@ from controller.common.modbus.mbap import MbapServer
 from controller.common.modbus.requests import RequestRefusedError
 from controller.common.modbus.rtu import RtuServer, SerialError, SerialLine
 from controller.common.supervision.tasks import supervised_task
+from plant_sim.common.defaults import DEFAULT_PORT
 from plant_sim.links.gap_watch import GapWatch
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_image import ModbusImage, image_of
 from plant_sim.links.plc.client import PlcClient
 from plant_sim.links.real_time import RealTime
-
-DEFAULT_PORT = 5020
 
 
 class PlantServer:

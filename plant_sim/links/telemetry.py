@@ -313,6 +313,9 @@ TELEMETRY = (
         lambda module: module.lease.refused,
     ),
     *_timing_points(49),
+    TelemetryPoint(
+        "ploughed", 63, 1, 1, "seedlings in trays through which an arm was driven", lambda m: m.plant.counts().ploughed
+    ),
 )
 
 TELEMETRY_REGISTERS = TELEMETRY[-1].offset + TELEMETRY[-1].words

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controller.common.errors import InputError
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.common.limits import require
 from plant_sim.common.parameter_file import ParameterReader, Value
 from plant_sim.crop.handling import HandlingSpec
@@ -33,8 +34,6 @@ from plant_sim.devices.yield_sensors import YieldSensorsSpec
 from plant_sim.machine.layout import LayoutSpec, RatingSpec, SimulationSpec, StartSpec
 from plant_sim.machine.time_step import MOST_STEPS_PER_MS, steps_per_ms_by_key
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K
-
-DEFAULT_MACHINE = Path(__file__).parents[1] / "machine.yaml"
 
 COLDEST_K, HOTTEST_K = 150.0, 500.0
 """Temperatures between which air is an ideal gas with constant heat capacities, to a few per cent, K. Assumed."""

@@ -58,6 +58,21 @@ def set_air(plant: Plant, share: float) -> None:
             device.set_air(share * _regulated_pa(plant))
 
 
+def relieve(plant: Plant, name: str) -> None:
+    """Bring the air of one slide or lift into balance without motion, so that nothing drives it when it is freed.
+
+    An operator supports the arm and vents both chambers; the balance stands for the support, which the plant lacks.
+
+    Args:
+        plant: The machine.
+        name: Name of the device, such as ``left.slide``.
+    """
+    side, _, drive = name.partition(".")
+    arm = plant.arms[side]
+    device = arm.slide if drive == "slide" else arm.lift
+    device.set_air(FULL_SHARE * _regulated_pa(plant))
+
+
 def leak_down(plant: Plant, share: float, over_ms: int) -> list[Fault]:
     """Let the chambers of slides and lifts leak to a pressure over a time.
 

@@ -8,7 +8,8 @@ from typing import Final
 
 from plant_sim.planter.contact import drop
 from plant_sim.planter.falls import FREQUENCY_PER_MIN, FallTable
-from plant_sim.planter.motion import Motion, MotionModel
+from plant_sim.planter.motion import Motion
+from plant_sim.planter.motion_model import MotionModel
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.quality import Share, injury_share, lodging_share
 from plant_sim.planter.scatter import Ground

@@ -7,7 +7,7 @@ Source: cabbage paper, 2.1.2 (equations 1 to 8); docs/sources/machine.md 6 and 7
 """
 
 import math
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -15,24 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant_sim.common.limits import SpecError
 from plant_sim.planter.chain import ChainSpec, Offset
+from plant_sim.planter.motion_model import MotionModel
 
 _FASTEST_M_S = 10.0
 _MOST_PER_MIN = 1000.0
-
-
-class MotionModel(StrEnum):
-    """Model of the motion.
-
-    `PRINTED` uses equations 1 to 8 with their errors: equation 1 contains -H instead of -h, equation 6 lacks a factor
-    omega, and the horizontal speed in equation 8 has the wrong sign. `CORRECTED` corrects these errors, but a point at
-    distance l from the pitch line still moves on arcs of radius R + l, and its vertical speed jumps by l omega at every
-    joint. In `RIGID`, a planter only translates, as an upright parallelogram requires: every point moves on
-    the path of the hinge, of radius R, shifted by a constant.
-    """
-
-    PRINTED = "printed"
-    CORRECTED = "corrected"
-    RIGID = "rigid"
 
 
 class PathSegment(IntEnum):

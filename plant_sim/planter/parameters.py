@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controller.common.errors import InputError
+from plant_sim.common.defaults import DEFAULT_PLANTER
 from plant_sim.common.parameter_file import ParameterReader, RangedEntry, Value
 from plant_sim.planter.block import BlockSpec
 from plant_sim.planter.chain import ChainSpec
 from plant_sim.planter.grip import GripSpec
 from plant_sim.planter.ground import GroundSpec, ScatterSpec
-
-DEFAULT_PLANTER = Path(__file__).parents[1] / "planter.yaml"
 
 
 class PlanterError(InputError):

@@ -13,7 +13,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from plant_sim.common.limits import require
 from plant_sim.planter.chain import Offset
-from plant_sim.planter.motion import Motion, MotionModel
+from plant_sim.planter.motion import Motion
+from plant_sim.planter.motion_model import MotionModel
 
 _SAME = 1e-12
 """Relative difference below which two speeds are considered equal."""

@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from plant_sim.planter.chain import Offset
-from plant_sim.planter.motion import Joint, Motion, MotionModel
+from plant_sim.planter.motion import Joint, Motion
+from plant_sim.planter.motion_model import MotionModel
 from plant_sim.planter.ratio import Regime, ZeroSpeedPoint, depth_m, point_ratio, regime_of, zero_speed_points
 from plant_sim.planter.separation import separation_closed_form_s, separation_time_s
 

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from plant_sim.common.limits import require
-from plant_sim.planter.motion import Motion, MotionModel, PathSegment
+from plant_sim.planter.motion import Motion, PathSegment
+from plant_sim.planter.motion_model import MotionModel
 
 GRAVITY_M_S2: Final = 9.80665
 """Standard gravity, m/s2."""

@@ -36,8 +36,7 @@ class Writer:
         """Create the partial file.
 
         Args:
-            path: Path of the recording; the file must not exist. Its folder is created if missing, but not the
-                parents of the folder.
+            path: Path of the recording; the file must not exist, its folder must.
 
         Raises:
             RecordingError: The file exists or cannot be written.
@@ -48,9 +47,9 @@ class Writer:
         self._part = path.with_name(f"{path.name}.part")
         if path.exists():
             raise RecordingError(f"{path}: already exists; delete it or use another name")
+        if not path.parent.is_dir():
+            raise RecordingError(f"{path}: folder {path.parent} does not exist; create it or use another path")
         try:
-            if not path.parent.exists():
-                path.parent.mkdir()
             self._part.open("xb").close()
             self._file = _arrow_file(self._part, "wb")
         except FileExistsError:

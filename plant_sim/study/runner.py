@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from controller.common.modbus.io_map import IoMap
+from plant_sim.common.capacity import MOST_SEEDLINGS
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.engines import ProcessEngine, Progress
 from plant_sim.study.errors import StudyError
@@ -19,8 +20,6 @@ from plant_sim.study.factors import FactorSetting
 from plant_sim.study.fleet import SEEDLINGS, FleetMachine, load_twin, run_fleet
 from plant_sim.twin.report import TrialReport
 
-MOST_SEEDLINGS = 72_000
-"""Maximum number of seedlings: a thousand trays, the capacity of the magazine."""
 MOST_TRIALS = 100_000
 _MOST_REASONS = 5
 

@@ -9,62 +9,34 @@ from __future__ import annotations
 
 import json
 import queue
+import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
+from controller.common.stop_request import INTERRUPTED
 from controller.program.states import State
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.machine.parameters import load_machine
 from plant_sim.twin.commissioning import constants_file, needs_confirmation
+from plant_sim.twin.ending import rule
+from plant_sim.twin.ending.attendance import has_open_page
+from plant_sim.twin.ending.reported import ReportedEvents
+from plant_sim.twin.ending.rule import EndingRule, Rest, TrialEnd, default_max_ms
 from plant_sim.twin.lock_step import CLEAR_MS, SCAN_MS
 from plant_sim.twin.operator import Operator, counts_of
-from plant_sim.twin.process import ChildError, Interrupts, LiveError, Process
-from plant_sim.twin.progress import ProgressState, ProgressView
+from plant_sim.twin.process import ChildError, Interrupts, Process
+from plant_sim.twin.progress import ProgressView, progress_of
 from plant_sim.twin.report import TrialReport, make_report
-from plant_sim.twin.trial import ROWS_A_TRAY
 
 POLL_S = 0.2
 START_LIMIT_S = 60.0
 """Limit of the start of a process, s: the end of a hang; a busy computer needs several times 3 s."""
-HOMING_LIMIT_S = 60.0
-TRAY_LIMIT_S = 600.0
 LOCK_STEP_TIMEOUT_MS = 5_000
 """Response timeout in simulated time, long enough for a busy computer, ms."""
-
-Record = dict[str, Any]
-
-
-@dataclass
-class ReportedEvents:
-    """State, alarms and production derived from the controller's events."""
-
-    events: list[Record] = field(default_factory=list)
-    state: int = 0
-    state_text: str = "not started"
-    trays_done: int = 0
-    rows: int = 0
-    alarms: dict[int, str] = field(default_factory=dict)
-
-    def apply(self, event: Record) -> None:
-        """Update from one event."""
-        self.events.append(event)
-        match event["event"]:
-            case "state":
-                reason = f" ({event['reason']})" if event["reason"] else ""
-                self.state, self.state_text = event["state"], event["text"] + reason
-            case "tray":
-                self.trays_done = event["trays_done"]
-            case "row":
-                self.rows += 1
-            case "alarm" if event["active"]:
-                self.alarms[event["number"]] = event["text"]
-            case "alarm":
-                self.alarms.pop(event["number"], None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +46,16 @@ class LiveOptions:
     Attributes:
         language: Language of the controller's texts and of the panel's page; None = English, and on the page that of
             the browser.
+        port: Port of the plant's Modbus server; 0 = any free port.
+        planting_frequency_per_min: Cups per minute per row; None = that of the machine.
         hmi_port: Port of the controller's Modbus server; 0 = any free port.
         panel_port: Port of the panel's page; 0 = any free port, None = no panel.
         real_time: True to follow the wall clock.
         pace: Speed of simulated time at the start, percent.
         by_hand: True if only the user presses the buttons.
         users: File of the panel's passwords.
+        max_ms: Longest machine time, ms; None = the default, and no limit by hand.
+        waits: True if the trial waits for an operator in any case.
     """
 
     seed: int
@@ -90,6 +66,7 @@ class LiveOptions:
     machine: Path
     language: str | None = None
     faults: tuple[str, ...] = ()
+    planting_frequency_per_min: float | None = None
     record: Path | None = None
     hmi_port: int = 5021
     panel_port: int | None = 8080
@@ -97,9 +74,16 @@ class LiveOptions:
     pace: int = 100
     by_hand: bool = False
     users: Path = Path("var/panel-users.json")
+    max_ms: int | None = None
+    waits: bool = False
 
 
-_BROKEN = (State.HELD, State.ABORTED)
+class _EndedError(Exception):
+    """End of the trial by its rule."""
+
+    def __init__(self, ending: TrialEnd) -> None:
+        super().__init__(ending.reason)
+        self.ending = ending
 
 
 @contextmanager
@@ -109,17 +93,17 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
     Raises:
         ChildError: The plant could not start.
     """
-    o = options
-    common = ["--io-map", str(o.io_map), "--port", str(o.port), "--host", o.host]
     with ExitStack() as stack:
         interrupts = stack.enter_context(Interrupts())
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
-        plant = stack.enter_context(Process("plant", _serve(o, common)))
-        if plant.next_line(START_LIMIT_S) is None:
+        plant = stack.enter_context(Process("plant", _serve(options)))
+        listening = plant.next_line(START_LIMIT_S)
+        if listening is None:
             raise ChildError("plant", plant.stop())
+        o = replace(options, port=int(listening.rpartition(":")[2]))
         operator = stack.enter_context(Operator(o.host, o.port))
-        controller = stack.enter_context(Process("controller", _control(o, common, folder), ends_before=[plant]))
-        trial = LiveTrial(options, view, operator, controller, interrupts)
+        controller = stack.enter_context(Process("controller", _control(o, folder), ends_before=[plant]))
+        trial = LiveTrial(o, view, operator, controller, interrupts)
         if o.panel_port is not None:
             panel = Process("panel", _panel(o, folder, o.panel_port, trial.hmi_port()))
             stack.enter_context(panel)
@@ -127,9 +111,26 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
         yield trial
 
 
-def _serve(o: LiveOptions, common: Sequence[str]) -> list[str]:
+def _link(o: LiveOptions) -> list[str]:
+    """Return the options that plant and controller have in common."""
+    return ["--io-map", str(o.io_map), "--port", str(o.port), "--host", o.host]
+
+
+def _serve(o: LiveOptions) -> list[str]:
     """Return the command line of the plant."""
-    serve = ["plant_sim", "serve", *common, "--machine", str(o.machine), "--seed", str(o.seed), "--trays", str(o.trays)]
+    serve = [
+        "plant_sim",
+        "serve",
+        *_link(o),
+        "--machine",
+        str(o.machine),
+        "--seed",
+        str(o.seed),
+        "--trays",
+        str(o.trays),
+    ]
+    if o.planting_frequency_per_min is not None:
+        serve += ["--planting-frequency", str(o.planting_frequency_per_min)]
     for fault in o.faults:
         serve += ["--fault", fault]
     if o.record is not None:
@@ -139,9 +140,10 @@ def _serve(o: LiveOptions, common: Sequence[str]) -> list[str]:
     return serve
 
 
-def _control(o: LiveOptions, common: Sequence[str], folder: Path) -> list[str]:
+def _control(o: LiveOptions, folder: Path) -> list[str]:
     """Return the command line of the controller."""
-    control = ["controller", "run", *common, "--retain", str(folder / "retentive.json"), "--events", "json"]
+    control = ["controller", "run", *_link(o), "--retain", str(folder / "retentive.json"), "--events", "json"]
+    control.append("--new-machine")
     control += ["--no-console", "--language", o.language or "en", "--hmi-port", str(o.hmi_port), "--allow-forcing"]
     control += ["--scan-ms", str(SCAN_MS)]
     if not o.real_time:
@@ -183,6 +185,7 @@ class LiveTrial:
 
     Attributes:
         panel: Line with the address of the panel; empty if there is no panel.
+        exit_code: Exit code of a run that was interrupted or in which a process failed; else None.
     """
 
     def __init__(
@@ -198,8 +201,21 @@ class LiveTrial:
         self._view = view
         self._operator = operator
         self._controller = controller
-        self._progress = ReportedEvents()
+        self._reported = ReportedEvents()
+        self._telemetry: dict[str, float] = operator.telemetry()
+        max_ms = options.max_ms
+        if max_ms is None and not options.by_hand:
+            max_ms = default_max_ms(options.trays)
+        self._rule = EndingRule(max_ms, self._is_attended)
+        self._noticed_ms: int | None = None
         self.panel = ""
+        self.exit_code: int | None = None
+
+    def _is_attended(self) -> bool:
+        """Return True if an operator is there, who may answer."""
+        if self._options.waits or self._options.by_hand or (sys.stdin is not None and sys.stdin.isatty()):
+            return True
+        return has_open_page(self.panel)
 
     def hmi_port(self) -> int:
         """Wait for the controller's Modbus server and return its port.
@@ -213,31 +229,57 @@ class LiveTrial:
         return int(json.loads(line)["hmi_port"])
 
     def run(self) -> TrialReport:
-        """Home, start, and wait until the trays are empty; in manual operation, only wait."""
+        """Home, start, and wait for the end of the trial; in manual operation, only wait."""
         start_s = time.perf_counter()
-        operator, reason = self._operator, ""
-        try:
-            self._until(State.STOPPED, START_LIMIT_S, "controller in Stopped")
-            if self._options.by_hand:
-                self._until_complete()
-            else:
-                if needs_confirmation(load_machine(self._options.machine)):
-                    self._confirm_constants()
-                operator.press("start")
-                self._until(State.IDLE, HOMING_LIMIT_S, "homing")
-                operator.press("start")
-                self._until(State.COMPLETE, TRAY_LIMIT_S * self._options.trays, "the trial")
-        except LiveError as error:
-            reason = str(error)
-        telemetry = operator.telemetry()
+        ending = self._ending()
+        telemetry = self._last_telemetry()
+        at_ms = telemetry["time_ms"] if ending.at_ms is None else ending.at_ms
         return make_report(
             seed=self._options.seed,
             counts=counts_of(telemetry),
-            events=self._progress.events,
-            reason=reason,
-            simulated_s=telemetry["time_ms"] / 1000,
+            events=self._reported.events,
+            reason=ending.reason,
+            simulated_s=at_ms / 1000,
             wall_s=round(time.perf_counter() - start_s, 3),
         )
+
+    def _ending(self) -> TrialEnd:
+        """Operate the machine until the trial ends."""
+        try:
+            self._operate()
+        except _EndedError as ended:
+            return ended.ending
+        except KeyboardInterrupt:
+            self.exit_code = 0 if self._options.by_hand else INTERRUPTED
+            return TrialEnd(None, rule.INTERRUPTED)
+        except ChildError as error:
+            self.exit_code = error.exit_code or 1
+            return TrialEnd(None, str(error))
+        except BrokenPipeError:  # also a ConnectionError, but caused by closed standard output
+            raise
+        except ConnectionError as error:
+            return TrialEnd(None, str(error))
+        return TrialEnd(None, "")
+
+    def _operate(self) -> None:
+        operator = self._operator
+        self._until(State.STOPPED)
+        if not self._options.by_hand:
+            if needs_confirmation(load_machine(self._options.machine)):
+                self._confirm_constants()
+            operator.press("start")
+            self._until(State.IDLE)
+            operator.press("start")
+        self._until(State.COMPLETE)
+
+    def _last_telemetry(self) -> dict[str, float]:
+        """Return the telemetry at the end; the last one read if the plant does not answer.
+
+        An interrupt may have come between a request and its answer, so that a new connection is used.
+        """
+        with suppress(OSError), Operator(self._options.host, self._options.port) as observer:
+            self._telemetry = observer.telemetry()
+        return self._telemetry
 
     def serve(self) -> None:
         """Keep the processes running until Ctrl-C."""
@@ -245,33 +287,41 @@ class LiveTrial:
             self._follow(POLL_S)
             self._show()
 
-    def _until(self, state: State, limit_s: float, what: str, *, broken: Sequence[State] = _BROKEN) -> None:
-        deadline_s = self._now_s() + limit_s
-        while self._progress.state != state:
-            if self._now_s() > deadline_s:
-                raise LiveError(f"{what} not reached within {limit_s:.0f} s: {self._progress.state_text}")
+    def _until(self, state: State) -> None:
+        """Wait until the machine is in a state.
+
+        Raises:
+            _EndedError: The trial ended first.
+        """
+        while self._reported.state != state:
             self._follow(POLL_S)
             self._show()
-            if self._progress.state in broken:
-                alarms = "; ".join(self._progress.alarms.values()) or "a question to the operator is open"
-                raise LiveError(f"{what} not reached: {self._progress.state_text}, {alarms}")
+            reported = self._reported
+            ending = self._rule.ending(
+                int(self._telemetry["time_ms"]),
+                complete=reported.state == State.COMPLETE,
+                rest=self._rest(),
+                state=reported.english_state,
+            )
+            if ending is not None and reported.state != state:
+                raise _EndedError(ending)
+
+    def _rest(self) -> Rest | None:
+        """Return the rest of the machine in plant time; in real time, controller and plant have different zeros."""
+        rest = self._reported.rest
+        if rest is None or not self._options.real_time:
+            self._noticed_ms = None
+            return rest
+        if self._noticed_ms is None:
+            self._noticed_ms = int(self._telemetry["time_ms"])
+        return Rest(self._noticed_ms, rest.text)
 
     def _confirm_constants(self) -> None:
         """Press the emergency stop, release it and clear, as the program requires if a machine constant differs."""
         self._operator.press("emergency_stop")
-        self._until(State.ABORTED, START_LIMIT_S, "emergency stop", broken=())
+        self._until(State.ABORTED)
         self._operator.press("stop", for_ms=CLEAR_MS)
-        self._until(State.STOPPED, START_LIMIT_S, "clear", broken=())
-
-    def _until_complete(self) -> None:
-        """Wait without a time limit until the machine is in Complete."""
-        while self._progress.state != State.COMPLETE:
-            self._follow(POLL_S)
-            self._show()
-
-    def _now_s(self) -> float:
-        """Return the plant time, which stops during a pause, as the time base of the limits, s."""
-        return self._operator.telemetry()["time_ms"] / 1000
+        self._until(State.STOPPED)
 
     def _follow(self, for_s: float) -> None:
         """Process the controller's events for `for_s` seconds."""
@@ -284,21 +334,9 @@ class LiveTrial:
                 return
             if line is None:
                 raise ChildError("controller", self._controller.stop())
-            self._progress.apply(json.loads(line))
+            self._reported.apply(json.loads(line))
 
     def _show(self) -> None:
-        progress, telemetry = self._progress, self._operator.telemetry()
-        counts = counts_of(telemetry)
-        trays = self._options.trays
-        self._view.show(
-            ProgressState(
-                elapsed_s=telemetry["time_ms"] / 1000,
-                state=progress.state_text,
-                tray=f"{progress.trays_done}/{trays}",
-                rows=f"{progress.rows}/{ROWS_A_TRAY * trays}",
-                in_cups=counts.in_cups,
-                lost=counts.P + counts.D + counts.T,
-                seedlings=counts.total,
-                alarm="; ".join(progress.alarms.values()),
-            )
-        )
+        self._telemetry = self._operator.telemetry()
+        counts, elapsed_s = counts_of(self._telemetry), self._telemetry["time_ms"] / 1000
+        self._view.show(progress_of(self._reported, counts, elapsed_s=elapsed_s, trays=self._options.trays))

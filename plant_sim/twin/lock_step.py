@@ -21,6 +21,7 @@ from controller.io.runtime import Runtime
 from controller.program.machine import Transplanter
 from controller.program.operator.start_warning import warning_ms
 from controller.program.states import State
+from controller.program.texts.operator import Language
 from plant_sim.faults import Fault
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
@@ -87,6 +88,7 @@ class Twin(Watched):
         step_by_step: bool = False,
         machine: Transplanter | None = None,
         misfit: bool = False,
+        language: Language = "en",
     ) -> None:
         """Power up a machine in its initial position, with the controller in Stopped.
 
@@ -100,6 +102,7 @@ class Twin(Watched):
             step_by_step: True to execute the program and every tick in Python; the results are the same.
             machine: Program and its tags, for the same I/O map; None = the program of the I/O map.
             misfit: True to permit constants that do not fit the machine, in order to show what they do.
+            language: Language of the texts in the events.
 
         Raises:
             FaultError: A fault is not possible in this plant.
@@ -117,6 +120,7 @@ class Twin(Watched):
         self.events: list[Event] = []
         self.store = MemoryStore()
         self._step_by_step = step_by_step
+        self._language: Language = language
         self._set_points = set_points_of(self.parameters) | dict(set_points or {})
         if not misfit:
             check_fit(self.machine, self.parameters, self._set_points)
@@ -153,7 +157,7 @@ class Twin(Watched):
         self._link.open()
         self._writer = DirectRetentiveWriter(self.store)
         self.runtime = Runtime(self.machine, plc, self._link, self._writer)
-        self._log = ProductionLog(self.machine, self.events.append)
+        self._log = ProductionLog(self.machine, self.events.append, self._language)
         self.runtime.observers.append(self._log)
         if isinstance(execution, MachineExecution):
             self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)

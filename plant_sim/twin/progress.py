@@ -10,7 +10,11 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from plant_sim.crop.seedling import SeedlingCounts
+from plant_sim.twin.ending.reported import ReportedEvents
+
 LINE_EVERY_S = 5.0
+ROWS_A_TRAY = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,20 +43,50 @@ class ProgressState:
 
     def line(self) -> str:
         """Return the progress in one line."""
+        return f"{self.elapsed_s:7.1f} s  {self.news()}"
+
+    def news(self) -> str:
+        """Return the line without its time."""
         alarm = f"  ALARM {self.alarm}" if self.alarm else ""
         return (
-            f"{self.elapsed_s:7.1f} s  {self.state:12} trays {self.tray}  rows {self.rows}  "
-            f"in cups {self.in_cups}/{self.seedlings}  lost {self.lost}{alarm}"
+            f"{self.state:12} trays {self.tray}  rows {self.rows}  in cups {self.in_cups}/{self.seedlings}  "
+            f"lost {self.lost}{alarm}"
         )
 
 
+def progress_of(reported: ReportedEvents, counts: SeedlingCounts, *, elapsed_s: float, trays: int) -> ProgressState:
+    """Return the progress of a trial.
+
+    Args:
+        reported: Events of the controller.
+        counts: Location of the seedlings.
+        elapsed_s: Machine time, s.
+        trays: Number of trays.
+    """
+    return ProgressState(
+        elapsed_s=elapsed_s,
+        state=reported.state_text,
+        tray=f"{reported.trays_done}/{trays}",
+        rows=f"{reported.rows}/{ROWS_A_TRAY * trays}",
+        in_cups=counts.in_cups,
+        lost=counts.P + counts.D + counts.T,
+        seedlings=counts.total,
+        alarm=reported.alarm_line,
+    )
+
+
 class ProgressView:
-    """Progress display: live on a terminal, otherwise a line at each change of state or row and every 5 s."""
+    """Progress display: live on a terminal, otherwise lines.
+
+    There is a line at each change of state, tray, row or alarm, and at most every 5 s at another change; equal lines
+    are not repeated.
+    """
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console(stderr=True)
         self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal else None
         self._shown: tuple[str, str, str, str] | None = None
+        self._line = ""
         self._shown_at_s = 0.0
 
     def __enter__(self) -> Self:
@@ -72,8 +106,9 @@ class ProgressView:
             self._live.update(_grid(progress), refresh=True)
             return
         key = (progress.state, progress.tray, progress.rows, progress.alarm)
-        if key != self._shown or progress.elapsed_s - self._shown_at_s >= LINE_EVERY_S:
-            self._shown, self._shown_at_s = key, progress.elapsed_s
+        is_due = key != self._shown or progress.elapsed_s - self._shown_at_s >= LINE_EVERY_S
+        if is_due and progress.news() != self._line:
+            self._shown, self._line, self._shown_at_s = key, progress.news(), progress.elapsed_s
             self._console.print(progress.line(), highlight=False, soft_wrap=True)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import fmean
 from typing import Any, Final
 
 from plant_sim.crop.seedling import SeedlingCounts
+from plant_sim.twin.ending.reported import alarm_name
 
 EXTRAPOLATES: Final = "crop settings outside the trials of the paper: extrapolated"
 CONFIDENCE: Final = 0.95
@@ -82,11 +83,15 @@ class TrialReport:
         missed_cups_by_cause: Missed cups by cause: tray change, other arm in the centre, or the travel time to row 1,
             2 or 3.
         air_l_min: Air consumption of the valves from power-up to the end, both arms, L/min ANR; None if unknown.
-        alarms: Texts of the alarms raised, in order.
+        alarms: Names of the alarms raised, number and text, in order.
         reason: Reason for an incomplete trial; empty if it completed.
         simulated_s: Machine time from power-up to the end, s.
         wall_s: Wall-clock time of the run, s.
         extrapolates: True if the crop settings are outside the paper's trials.
+        in_claws: Seedlings in claws at the end.
+        in_trays_untouched: Seedlings in trays that no arm was driven through.
+        in_trays_ploughed: Seedlings in trays that an arm was driven through without tearing them out. With those in
+            claws, in trays, in cups and lost (P, D, T), every seedling is counted exactly once.
     """
 
     seed: int
@@ -112,6 +117,9 @@ class TrialReport:
     simulated_s: float
     wall_s: float
     extrapolates: bool = False
+    in_claws: int = 0
+    in_trays_untouched: int = 0
+    in_trays_ploughed: int = 0
 
     @property
     def completed(self) -> bool:
@@ -120,13 +128,22 @@ class TrialReport:
 
     @property
     def accounted(self) -> bool:
-        """True if every seedling is counted exactly once, either in a cup or as lost."""
+        """True if every seedling is either in a cup or lost."""
         return self.in_cups + self.P + self.D + self.T == self.seedlings
 
     def record(self) -> dict[str, object]:
         """Return the report as one JSON object; an incomplete trial has no rates."""
         shares = {} if self.completed else dict.fromkeys((*self.intervals, "intervals"))
         return asdict(self) | shares
+
+    @property
+    def counts(self) -> SeedlingCounts:
+        """Number of seedlings by location."""
+        in_tray = self.in_trays_untouched + self.in_trays_ploughed
+        lost = (self.P, self.D, self.T)
+        return SeedlingCounts(
+            in_tray, self.in_claws, self.in_cups, *lost, self.seedlings, ploughed=self.in_trays_ploughed
+        )
 
     def text(self) -> str:
         """Return the report as text."""
@@ -136,8 +153,7 @@ class TrialReport:
         ]
         lines = [
             *([] if self.completed else [f"the trial did not complete, so it has no S: {self.reason}"]),
-            f"seedlings {self.seedlings}: in cups {self.in_cups}, lost picking P {self.P}, carrying D {self.D}, "
-            f"throwing T {self.T}",
+            account_text(self.counts),
             *(["  ".join(shares) + ", 95 % binomial"] if self.completed else []),
             *([f"({EXTRAPOLATES})"] if self.extrapolates else []),
             f"cycles {self.cycles}, mean cycle {self.cycle_time_s:.2f} s, "
@@ -149,9 +165,39 @@ class TrialReport:
         lines += [
             f"missed cups {self.missed_cups} ({gaps}){': ' + causes if causes else ''}",
             *([f"air {self.air_l_min:.1f} L/min"] if self.air_l_min is not None else []),
-            "alarms " + ("none" if not self.alarms else "; ".join(self.alarms)),
+            f"alarms {'; '.join(counted(self.alarms)) or 'none'}",
         ]
         return "\n".join(lines)
+
+
+def account_text(counts: SeedlingCounts) -> str:
+    """Return where the seedlings are, in one line; its numbers add up to that of the seedlings.
+
+    >>> account_text(SeedlingCounts(24, 1, 40, 4, 0, 3, total=72, ploughed=12))
+    'seedlings 72: in cups 40, lost picking P 4, carrying D 0, throwing T 3, in claws 1, in trays untouched 12, \
+in trays ploughed through 12'
+    """
+    rest = {
+        "in claws": counts.in_claw,
+        "in trays untouched": counts.in_tray - counts.ploughed,
+        "in trays ploughed through": counts.ploughed,
+    }
+    return ", ".join(
+        [
+            f"seedlings {counts.total}: in cups {counts.in_cups}, lost picking P {counts.P}, carrying D {counts.D}, "
+            f"throwing T {counts.T}",
+            *(f"{place} {count}" for place, count in rest.items() if count),
+        ]
+    )
+
+
+def counted(names: Sequence[str]) -> list[str]:
+    """Return each name once, in the order of its first occurrence, with the number of its occurrences.
+
+    >>> counted(["S912 low", "S905 air", "S912 low"])
+    ['S912 low (2 times)', 'S905 air']
+    """
+    return [name if count == 1 else f"{name} ({count} times)" for name, count in Counter(names).items()]
 
 
 def make_report(
@@ -182,7 +228,11 @@ def make_report(
     """
     events = list(events)
     cycles = [event for event in events if event["event"] == "cycle"]
-    alarms = [str(event["text"]) for event in events if event["event"] == "alarm" and event["active"]]
+    alarms = [
+        alarm_name(event["number"], str(event["text"]))
+        for event in events
+        if event["event"] == "alarm" and event["active"]
+    ]
     missed = {"left": 0, "right": 0} | {str(event["side"]): int(event["missed_cups"]) for event in cycles}
     return TrialReport(
         seed=seed,
@@ -208,6 +258,9 @@ def make_report(
         simulated_s=simulated_s,
         wall_s=wall_s,
         extrapolates=extrapolates,
+        in_claws=counts.in_claw,
+        in_trays_untouched=counts.in_tray - counts.ploughed,
+        in_trays_ploughed=counts.ploughed,
     )
 
 

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from controller.common.modbus.io_map import IoMap
+from controller.common.stop_request import StopRequest
+from controller.core.expr import any_of
 from controller.events.kinds import as_record
 from controller.program.states import State
-from controller.program.texts.operator import STATES, Language
+from controller.program.texts.operator import Language
 from plant_sim.crop.seedling import TRAY_CELLS
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import Machine
+from plant_sim.twin.ending.reported import ReportedEvents
+from plant_sim.twin.ending.rule import INTERRUPTED, EndingRule, TrialEnd, default_max_ms
 from plant_sim.twin.lock_step import NotReachedError, Twin
-from plant_sim.twin.progress import ProgressState, ProgressView
+from plant_sim.twin.progress import ProgressView, progress_of
 from plant_sim.twin.recording import recorded
 from plant_sim.twin.report import TrialReport, make_report
 
-HOMING_LIMIT_MS = 60_000
 PROGRESS_MS = 1_000
-ROWS_A_TRAY = 6
-TRAY_LIMIT_MS = 600_000
-"""Time limit per tray, ms; at 20 plants per minute per row a tray takes 108 s."""
+LOOK_MS = 100
+"""Period in which a trial looks at events, seedlings and the request to stop, ms."""
+START_PAUSE_MS = 200
 
 
 def run_trial(
@@ -35,19 +39,26 @@ def run_trial(
     set_points: Mapping[str, int] | None = None,
     faults: Iterable[Fault] = (),
     record: Path | None = None,
+    rule: EndingRule | None = None,
+    stop: StopRequest | None = None,
+    language: Language = "en",
     prepare: Callable[[Twin], None] | None = None,
 ) -> TrialReport:
-    """Transplant complete trays in simulated time.
+    """Transplant trays in simulated time until the machine is complete, or the trial ends by its rule.
 
     Args:
         seed: Seed of the plant; the same seed gives the same report, except for `wall_s`.
         trays: Trays in the magazine, 72 seedlings each.
-        seedlings: Number of seedlings, used instead of `trays`; the last tray may have empty cells.
+        seedlings: Number of seedlings, used instead of `trays`. The cells of the last tray that are picked last may be
+            empty; the trial then ends with the cycle in which the last seedling is accounted for.
         io_map: I/O map; None = the default map.
         parameters: Machine parameters; None = the defaults.
         set_points: Initial values of set-points, by name of `SetPoints`.
         faults: Faults of the plant.
         record: Path of a recording of the run; None = no recording.
+        rule: Rule by which the trial ends; None = without an operator, and with the default time limit.
+        stop: Request to stop the trial, which the signals make from its begin; None leaves the signals unchanged.
+        language: Language of the events.
         prepare: Function that is called before the run, to register monitors.
 
     Returns:
@@ -67,47 +78,100 @@ def run_trial(
         parameters=parameters,
         set_points={**(set_points or {}), "trays_target": trays},
         faults=faults,
+        language=language,
     )
-    if seedlings is not None and seedlings < trays * TRAY_CELLS:
-        twin.plant.seedlings.leave_out(trays - 1, trays * TRAY_CELLS - seedlings)
+    in_last_tray = 0 if seedlings is None else seedlings % TRAY_CELLS
+    if in_last_tray:
+        twin.plant.seedlings.fill_in_pick_order(trays - 1, in_last_tray)
+    trial = _Trial(twin, rule or EndingRule(default_max_ms(trays)), stop, ends_at_last=bool(in_last_tray))
     if prepare is not None:
         prepare(twin)
-    reason = ""
-    try:
-        with recorded(twin, record, seed=seed):
-            twin.home(within_ms=HOMING_LIMIT_MS)
-            twin.start()
-            twin.run_until_state(State.COMPLETE, within_ms=TRAY_LIMIT_MS * trays)
-    except NotReachedError as error:
-        reason = str(error)
+    if stop is not None:
+        stop.collect()
+    with recorded(twin, record, seed=seed):
+        ending = trial.run()
+    now_s = twin.now_ms / 1000
     return make_report(
         seed=seed,
         counts=twin.plant.counts(),
-        events=[as_record(event) for event in twin.events],
-        reason=reason,
-        simulated_s=twin.now_ms / 1000,
+        events=trial.reported.events,
+        reason=ending.reason,
+        simulated_s=now_s,
         wall_s=round(time.perf_counter() - start_s, 3),
         extrapolates=twin.plant.extrapolates,
-        air_l_min=60 * twin.plant.air_l / (twin.now_ms / 1000),
+        air_l_min=60 * twin.plant.air_l / now_s if now_s else None,
     )
 
 
-def show_progress(view: ProgressView, trays: int, language: Language) -> Callable[[Twin], None]:
+class _Trial:
+    """Trial of a twin with an operator who homes and starts the machine.
+
+    Attributes:
+        reported: Events so far.
+    """
+
+    def __init__(self, twin: Twin, rule: EndingRule, stop: StopRequest | None, *, ends_at_last: bool) -> None:
+        self.reported = ReportedEvents()
+        self._twin = twin
+        self._rule = rule
+        self._stop = stop
+        self._ends_at_last = ends_at_last
+
+    def run(self) -> TrialEnd:
+        """Home, start and wait for the end."""
+        twin = self._twin
+        with suppress(NotReachedError):  # a machine that does not confirm rests with the alarm
+            twin.confirm_constants()
+        twin.press("start")
+        ending = self._until(State.IDLE)
+        if ending is None:
+            twin.run_for(START_PAUSE_MS)
+            twin.press("start")
+            ending = self._until(State.COMPLETE)
+        _read(self._twin, self.reported)
+        return TrialEnd(None, "") if ending is None else ending
+
+    def _until(self, state: State) -> TrialEnd | None:
+        """Run until the machine is in a state; return the end of the trial if it comes first."""
+        twin, word = self._twin, self._twin.machine.tags.machine.state
+        reached = any_of(word.equals(state), word.equals(State.COMPLETE))
+        while True:
+            ending = self._ending()
+            if ending is not None:
+                return ending
+            now_ms = twin.now_ms
+            next_ms = self._rule.next_ms(now_ms, self.reported.rest)
+            for_ms = LOOK_MS - now_ms % LOOK_MS
+            if twin.runs_until(reached, for_ms=for_ms if next_ms is None else min(for_ms, next_ms - now_ms)):
+                return None
+
+    def _ending(self) -> TrialEnd | None:
+        """Return the end of the trial; None if it goes on."""
+        _read(self._twin, self.reported)
+        if self._stop is not None and self._stop.is_set():
+            return TrialEnd(None, INTERRUPTED)
+        reported = self.reported
+        complete = self._ends_at_last and self._is_last_accounted()
+        return self._rule.ending(self._twin.now_ms, complete=complete, rest=reported.rest, state=reported.english_state)
+
+    def _is_last_accounted(self) -> bool:
+        """Return True if every seedling is in a cup or lost, and no arm that has released a row is on its way back."""
+        counts = self._twin.plant.counts()
+        return not (counts.in_tray or counts.in_claw) and self.reported.are_back
+
+
+def show_progress(view: ProgressView, trays: int) -> Callable[[Twin], None]:
     """Return a function that makes a twin show the progress of its trial once per simulated second."""
+    reported = ReportedEvents()
 
     def show(twin: Twin) -> None:
-        counts = twin.plant.counts()
-        view.show(
-            ProgressState(
-                elapsed_s=twin.now_ms / 1000,
-                state=getattr(STATES[twin.state], language),
-                tray=f"{twin.plc.read(twin.machine.tags.machine.trays_done)}/{trays}",
-                rows=f"{len(twin.cycles())}/{ROWS_A_TRAY * trays}",
-                in_cups=counts.in_cups,
-                lost=counts.P + counts.D + counts.T,
-                seedlings=counts.total,
-                alarm="; ".join(twin.alarms()),
-            )
-        )
+        _read(twin, reported)
+        view.show(progress_of(reported, twin.plant.counts(), elapsed_s=twin.now_ms / 1000, trays=trays))
 
     return lambda twin: twin.every(PROGRESS_MS, show)
+
+
+def _read(twin: Twin, reported: ReportedEvents) -> None:
+    """Read the events since the last call."""
+    for event in twin.events[len(reported.events) :]:
+        reported.apply(as_record(event))

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
+from controller.common.arguments.number_type import integer
 from controller.common.command_line import HelpFormatter, Parser, run_command, version
 from controller.common.errors import InputError
 from controller.common.stop_request import StopRequest
-from plant_sim.cli.options import check_seed
 from scripts.benchmark import catalogue
 from scripts.benchmark.host import commit, host_record
 from scripts.benchmark.results.record import BenchmarkRecord, PartRecord, read_record
@@ -44,9 +44,13 @@ def bench_parser() -> Parser:
         metavar="PART",
         help="part to measure, from the list below; without names, all that need not be named",
     )
-    parser.add_argument("--seed", type=int, default=1, help="seed of all random numbers")
+    parser.add_argument("--seed", type=integer(0), default=1, help="seed of all random numbers")
     parser.add_argument(
-        "--repetitions", type=int, default=None, metavar="N", help="measurements of each part instead of its own number"
+        "--repetitions",
+        type=integer(1, MOST_REPETITIONS),
+        default=None,
+        metavar="N",
+        help="measurements of each part instead of its own number",
     )
     parser.add_argument(
         "--json",
@@ -64,10 +68,7 @@ def _note(by_default: bool) -> str:
 
 def _run(options: argparse.Namespace) -> int:
     """Measure the parts, print their results, and write the file."""
-    check_seed(options)
     count: int | None = options.repetitions
-    if count is not None and not 1 <= count <= MOST_REPETITIONS:
-        raise InputError(f"--repetitions {count}: must be 1 to {MOST_REPETITIONS}")
     parts = catalogue.chosen_parts(options.parts)
     record = BenchmarkRecord(
         version=version(),

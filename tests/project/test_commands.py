@@ -16,22 +16,13 @@ import pytest
 
 from controller.cli.main import COMMAND_LINE as CONTROLLER
 from controller.common.command_line import CommandLine
-from controller.common.extras import EXTRAS
+from controller.common.extras import EXTRAS, install_command
 from plant_sim.cli.main import COMMAND_LINE as PLANT
 from tests.paths import ROOT
 from tests.real_time import COMMAND_S
 from tests.sampling import first_of
 
 COMMAND_LINES = (CONTROLLER, PLANT)
-OPTIONAL = {
-    "z3": {"controller prove", "controller replay"},
-    "uvicorn": {"controller panel"},
-    "matplotlib": {"plant_sim plot"},
-    "pyarrow": {"plant_sim air", "plant_sim plot"},
-    "statsmodels": set[str](),
-    "joblib": set[str](),
-}
-"""Optional modules, each with the commands that import it when their argument parser is built."""
 BASE = {"filelock", "pydantic", "pymodbus", "transitions", "yaml"}
 """Modules of the dependencies that are always installed."""
 
@@ -54,35 +45,39 @@ def forked(work, cases):
         os._exit(0)
 """
 """Start of a program that examines several cases, each in a fork of an interpreter that has loaded common modules."""
-COMMON = {"controller": "controller.program.machine", "plant_sim": "plant_sim.twin.trial"}
-"""Module of each package that many of its commands import and that imports no optional module of `OPTIONAL`."""
+WITHOUT_EXTRAS = f"""
+import contextlib, io, json, sys
 
+class Absent:
+    "Finder that finds none of the modules of the extras."
 
-def imported(line: CommandLine) -> dict[str, set[str]]:
-    """Return the optional modules that each command imports for its help text."""
-    program = f"""{FORKS}
-import {COMMON[line.package]}
-from {line.package}.cli.main import COMMAND_LINE
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {sorted(EXTRAS)}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 
-def work(name):
-    COMMAND_LINE.parser({{name}}).format_help()
-    return sorted(optional & set(sys.modules))
-
-optional = {set(OPTIONAL)!r}
-assert not optional & set(sys.modules)
-forked(work, COMMAND_LINE.commands)
+sys.meta_path.insert(0, Absent())
 """
-    done = python(program)
-    assert done.returncode == 0, done.stderr
-    return {name: set(modules) for name, modules in map(json.loads, done.stdout.splitlines())}
+"""Start of a program in which no module of an extra is installed."""
+COMMON = {"controller": "controller.program.machine", "plant_sim": "plant_sim.twin.trial"}
+"""Module of each package that many of its commands import."""
 
 
 @pytest.mark.parametrize("line", first_of(COMMAND_LINES), ids=lambda line: line.package)
-def test_a_command_imports_only_its_own_dependencies(line: CommandLine) -> None:
-    assert imported(line) == {
-        name: {module for module, commands in OPTIONAL.items() if f"{line.package} {name}" in commands}
-        for name in line.commands
-    }
+def test_the_help_of_every_command_needs_no_extra(line: CommandLine) -> None:
+    """No module of the extras can be imported, as after an installation without extras."""
+    program = f"""{WITHOUT_EXTRAS}
+from {line.package}.cli.main import COMMAND_LINE
+
+for name in COMMAND_LINE.commands:
+    shown = io.StringIO()
+    with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):
+        print(COMMAND_LINE.run([name, "--help"]))
+    print(json.dumps([name, shown.getvalue().partition("[")[0]]))
+"""
+    done = python(program)
+    assert (done.returncode, done.stderr) == (0, "")
+    usage = dict(map(json.loads, done.stdout.splitlines()))
+    assert usage == {name: f"usage: python -m {line.package} {name} " for name in line.commands}
 
 
 @pytest.mark.parametrize("line", COMMAND_LINES, ids=lambda line: line.package)
@@ -147,17 +142,17 @@ forked(work, {cases!r})
     assert found == [[[*case], [2, "", missing_extra(*case)]] for case in cases]
 
 
-def missing_extra(command: str, module: str) -> str:
-    hint = f"{module} is not installed; run: pip install 'seedling-transplanter[{EXTRAS[module]}]'"
-    return f"{command.split(maxsplit=1)[0]}: {hint}\n"
+def missing_extra(command: str, module: str, extra: str = "") -> str:
+    name = command.split(maxsplit=1)[0]
+    return f"{name}: {module} is not installed; run: {install_command(extra or EXTRAS[module][0])}\n"
 
 
-def test_a_missing_dependency_of_the_plant_is_one_line_with_the_install_command() -> None:
-    program = (
-        "import sys\nsys.modules['numpy'] = None\nfrom plant_sim.cli.main import main\nsys.exit(main(['trial']))\n"
-    )
+@pytest.mark.parametrize(("command", "extra"), [("trial", "plant"), ("study throughput", "studies")])
+def test_a_missing_dependency_of_the_plant_is_one_line_with_the_extra_of_the_command(command: str, extra: str) -> None:
+    program = f"{WITHOUT_EXTRAS}\nfrom plant_sim.cli.main import main\nsys.exit(main({command.split()}))\n"
     done = python(program)
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", missing_extra("trial", "numpy"))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr in [missing_extra(command, module, extra) for module in EXTRAS]
 
 
 WITHOUT_POSIX = """
@@ -210,6 +205,19 @@ def imported_modules() -> Iterator[str]:
         yield from re.findall(r"import_module\(\"(\w+)", text)
 
 
+def every(names: dict[str, set[str]], extra: str) -> set[str]:
+    """Return the packages of an extra, with those of the extras that it includes."""
+    found = set[str]()
+    for name in names[extra]:
+        included = re.fullmatch(r"seedling-transplanter\[(.*)\]", name)
+        found |= (
+            {name.replace("_", "-")}
+            if included is None
+            else set().union(*(every(names, each) for each in included[1].split(",")))
+        )
+    return found
+
+
 def test_every_third_party_module_is_provided_by_a_dependency_or_by_the_extra_of_the_table() -> None:
     own = {"scripts", *(line.package for line in COMMAND_LINES)}
     modules = set(imported_modules()) - set(sys.stdlib_module_names) - own
@@ -217,9 +225,9 @@ def test_every_third_party_module_is_provided_by_a_dependency_or_by_the_extra_of
     assert modules == BASE | set(EXTRAS)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     requirements = {"": project["dependencies"], **project["optional-dependencies"]}
-    names = {extra: {re.split(r"[\[><=]", each)[0].lower() for each in lines} for extra, lines in requirements.items()}
+    names = {extra: {re.split("[><=]", each)[0].lower() for each in lines} for extra, lines in requirements.items()}
     distributions = importlib.metadata.packages_distributions()
     for module in modules:
         provided = {each.lower().replace("_", "-") for each in distributions[module]}
-        wanted = {each.replace("_", "-") for each in names[EXTRAS.get(module, "")]}
-        assert provided & wanted, f"{module}: not in the extra {EXTRAS.get(module, '(none)')}"
+        for extra in EXTRAS.get(module, ("",)):
+            assert provided & every(names, extra), f"{module}: not in the extra {extra or '(none)'}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import runpy
 import shlex
@@ -32,6 +33,7 @@ from scripts.benchmark.command import bench_parser
 from scripts.benchmark.results import page as performance
 from scripts.benchmark.results.record import read_record
 from tests.paths import DOCS, ROOT
+from tests.plant_sim.hil import score
 from tests.project import architecture_pictures
 from tests.wiring import YIELD, wired
 
@@ -219,6 +221,7 @@ def test_commands_can_be_parsed(command: str, capsys: pytest.CaptureFixture[str]
     if program == "scripts/test":
         assert all(argument in {"--nightly"} or argument.startswith("tests/") for argument in arguments)
         return
+    parser: argparse.ArgumentParser
     if program == "scripts/bench":
         parser = bench_parser()
     elif program == "scripts/run":
@@ -227,7 +230,8 @@ def test_commands_can_be_parsed(command: str, capsys: pytest.CaptureFixture[str]
     else:
         assert program == ".venv/bin/python"
         assert arguments.pop(0) == "-m"
-        parser = {"controller": CONTROLLER, "plant_sim": PLANT}[arguments.pop(0)].parser()
+        parsers = {"controller": CONTROLLER.parser, "plant_sim": PLANT.parser, score.__name__: score.parser}
+        parser = parsers[arguments.pop(0)]()
     try:
         parser.parse_args(arguments)
     except SystemExit:

@@ -149,7 +149,7 @@ def test_a_second_setup_does_nothing(machine: Machine) -> None:
 
 
 def test_dev_after_plant_is_added_to_the_environment(machine: Machine) -> None:
-    assert machine.setup("plant") == ["venv", "pip .[plant,studies,panel,parquet]"]
+    assert machine.setup("plant") == ["venv", "pip .[plant,studies,panel,parquet,completion]"]
     assert machine.setup("dev") == ["pip .[dev]", "npm"]
 
 
@@ -201,7 +201,7 @@ def test_a_failed_npm_starts_from_the_beginning(machine: Machine) -> None:
 def test_a_failed_addition_starts_from_the_beginning(machine: Machine) -> None:
     machine.setup("plant")
     assert machine.run("scripts/setup", "dev", PIP_FAILS="1")[0] == 2
-    assert machine.setup("plant") == ["venv", "pip .[plant,studies,panel,parquet]"]
+    assert machine.setup("plant") == ["venv", "pip .[plant,studies,panel,parquet,completion]"]
 
 
 def test_another_python_version_rebuilds_the_environment(machine: Machine) -> None:
@@ -305,7 +305,10 @@ def test_missing_tools_are_reported_to_other_users(machine: Machine, there: list
 
 @pytest.mark.parametrize(
     ("script", "command", "extra"),
-    [("run", "-P|-m|plant_sim|run", "plant,studies,panel,parquet"), ("bench", "-m|scripts.benchmark", "dev")],
+    [
+        ("run", "-P|-m|plant_sim|run", "plant,studies,panel,parquet,completion"),
+        ("bench", "-m|scripts.benchmark", "dev"),
+    ],
 )
 def test_run_and_bench_pass_their_arguments_on(machine: Machine, script: str, command: str, extra: str) -> None:
     code, output, _ = machine.run(f"scripts/{script}", "--speed", "2 x")
@@ -361,4 +364,4 @@ def test_setup_without_a_set_lists_every_set(machine: Machine) -> None:
     assert (code, output, machine.log.exists()) == (2, "", False)
     sets = re.findall(r"^  (\w+)  ", errors, re.MULTILINE)
     assert sets == ["plant", "dev"]
-    assert [machine.setup(each)[-1] for each in sets] == ["pip .[plant,studies,panel,parquet]", "npm"]
+    assert [machine.setup(each)[-1] for each in sets] == ["pip .[plant,studies,panel,parquet,completion]", "npm"]

@@ -15,11 +15,11 @@ from tests.suite.dependencies import Dependencies, dependencies, own_dependencie
 from tests.suite.selection import changed_since, selected
 
 COMMAND_LINE = """
-from controller.common.command_line import CommandLine
+from controller.common.command_line import CommandEntry, CommandLine
 
 COMMAND_LINE = CommandLine(
     package="controller",
-    commands={"run": ("controller.cli.run", "run"), "draw": ("controller.cli.draw", "draw")},
+    commands={"run": CommandEntry("run", "controller.cli.run"), "draw": CommandEntry("draw", "controller.cli.draw")},
     default="run",
 )
 

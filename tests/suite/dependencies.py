@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import Final, TypeVar
 
@@ -27,9 +28,9 @@ _IMPORT: Final = re.compile(rf"^\s*(?:from|import) ((?:{'|'.join(ROOTS)})[\w.]*)
 
 @dataclass(frozen=True)
 class Commands:
-    """Command line of a package: module of each command, and the command that runs if none is named."""
+    """Command line of a package: modules of each command, and the command that runs if none is named."""
 
-    modules: Mapping[str, str]
+    modules: Mapping[str, list[str]]
     default: str
 
 
@@ -185,7 +186,7 @@ class _Graph:
                 names = set(line.modules)
             elif any(each.option_first for each in files):
                 names.add(line.default)
-            modules = {f"{package}.__main__", f"{package}.cli.main", *(line.modules[name] for name in names)}
+            modules = {f"{package}.__main__", f"{package}.cli.main", *chain(*(line.modules[name] for name in names))}
             started |= {place for module in modules for place in places_of(module)}
         return started
 

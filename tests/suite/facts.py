@@ -124,14 +124,18 @@ def places_of(name: str) -> Iterator[str]:
         yield f"{folder}/__init__.py"
 
 
-def command_table(text: str) -> tuple[str, dict[str, str], str] | None:
-    """Return package, module of each command, and default command of a source text that declares a command line."""
+def command_table(text: str) -> tuple[str, dict[str, list[str]], str] | None:
+    """Return package, modules of each command, and default command of a source text that declares a command line."""
     call = _commands_call(list(ast.walk(ast.parse(text))))
     if call is None:
         return None
     given = {keyword.arg: keyword.value for keyword in call.keywords}
-    commands: dict[str, tuple[str, str]] = ast.literal_eval(given["commands"])
-    modules = {name: module for name, (module, _) in commands.items()}
+    commands = given["commands"]
+    modules = {}
+    if isinstance(commands, ast.Dict):
+        for key, entry in zip(commands.keys, commands.values, strict=True):
+            words = [str(node.value) for node in ast.walk(entry) if isinstance(node, ast.Constant)]
+            modules[ast.unparse(key or entry).strip("'\"")] = [word for word in words if _MODULE.fullmatch(word)]
     return str(ast.literal_eval(given["package"])), modules, str(ast.literal_eval(given["default"]))
 
 

@@ -2,15 +2,34 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
+from typing import Final
 
 from filelock import BaseFileLock, FileLock, Timeout
 
 from controller.common.errors import InputError
 
+LOCK: Final = ".lock"
+"""Ending of the name of the lock."""
+
 
 class FileLockError(InputError):
     """Raised if a file cannot be locked; the message is one line that includes the remedy but not the file name."""
+
+
+def place_problem(path: Path) -> str:
+    """Return the reason for which a file cannot be locked, without creating anything; empty = none known."""
+    folder = path.parent
+    if path.is_dir():
+        return "is a folder, not a file"
+    if not folder.parent.is_dir():  # probably a typo
+        return f"folder {folder.parent} does not exist; create it or choose another file"
+    nearest = next(each for each in (path, folder, folder.parent) if each.exists())
+    if nearest == folder and not folder.is_dir():
+        return f"{os.strerror(errno.ENOTDIR)}; choose a writable file"
+    return "" if os.access(nearest, os.W_OK) else f"{os.strerror(errno.EACCES)}; choose a writable file"
 
 
 def lock_file(path: Path) -> BaseFileLock:
@@ -26,12 +45,10 @@ def lock_file(path: Path) -> BaseFileLock:
     Raises:
         FileLockError: The path is a folder or cannot be written, or another process holds the lock.
     """
-    if path.is_dir():
-        raise FileLockError("is a folder, not a file")
-    if not path.parent.parent.is_dir():  # probably a typo
-        raise FileLockError(f"folder {path.parent.parent} does not exist; create it or choose another file")
+    if problem := place_problem(path):
+        raise FileLockError(problem)
     # History and retentive memory are not always closed by the thread that opened them.
-    lock = FileLock(path.with_name(path.name + ".lock"), timeout=0, thread_local=False)
+    lock = FileLock(path.with_name(path.name + LOCK), timeout=0, thread_local=False)
     try:
         path.parent.mkdir(exist_ok=True)
         lock.acquire()

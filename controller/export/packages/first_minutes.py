@@ -14,8 +14,12 @@ from controller.common.modbus.io_map import IoMap
 
 SHORT, LONG = "0.2 s", "2.5 s"
 """Durations of a press that starts and of one that answers."""
+FIRST_QUESTION: Final = 5
+"""Question at the first start without a declaration, with no tray at the sensor."""
 SAME_TRAY: Final = 3
 """Question after an emergency stop, whatever memory the runtime has."""
+NEW_MACHINE: Final = 458
+"""Relay of the command that declares a new machine."""
 
 
 WIDTH: Final = 120
@@ -90,12 +94,10 @@ class KeptMemory:
     """Retentive memory of a runtime, as the questions show it.
 
     Attributes:
-        first: Question at the first start; None = none.
         later: Question that is always asked after a loss of power in the middle of a trial.
         note: Explanation for the README.
     """
 
-    first: int | None
     later: int
     note: str
 
@@ -124,7 +126,7 @@ def first_minutes(io_map: IoMap, memory: KeptMemory, coil: Callable[[int], str])
     busy = TableEntry("wait for 15 s", "takes seedlings from the tray", 20, "-")
     trial = [
         TableEntry("switch the PLC on", "stands still", 20, "off"),
-        *_start(memory.first, coil, lamp=lamp),
+        *_start(coil, lamp=lamp),
         works,
         ends,
     ]
@@ -138,7 +140,19 @@ def first_minutes(io_map: IoMap, memory: KeptMemory, coil: Callable[[int], str])
         later,
         ends,
     ]
-    tables = {"First start and first trial": trial}
+    declared = [
+        TableEntry("switch the PLC on", "stands still, its memory is lost", 20, "off"),
+        TableEntry(_set(NEW_MACHINE, coil), "stands still, its memory is valid", 20, "off"),
+        TableEntry(
+            f"press X0 for {SHORT}", "stands still, ready; any tray has left, and the next one has come", 120, "off"
+        ),
+        works,
+        ends,
+    ]
+    tables = {
+        "First start and first trial": trial,
+        "New machine, declared once at installation": declared,
+    }
     if lamp:
         tables |= {"Power cycle in the middle of a trial": cycle, "Emergency stop in the middle of a trial": stop}
     parts = [line for title, rows in tables.items() for line in (f"{title}:", *_table(rows, lamp=lamp), "")]
@@ -155,20 +169,22 @@ def _question(number: int) -> Asked:
     return next(each for each in QUESTIONS if each.flashes == number)
 
 
-def _start(number: int | None, coil: Callable[[int], str], *, lamp: bool) -> list[TableEntry]:
-    """Return the rows from Stopped to Idle, with at most one question."""
+def _start(coil: Callable[[int], str], *, lamp: bool) -> list[TableEntry]:
+    """Return the rows from Stopped to Idle, with the question about the memory that is lost."""
     home = f"press X0 for {SHORT}"
-    idle = TableEntry(home, "stands still, ready", 60, "off")
-    if number is None:
-        return [idle]
-    question = _question(number)
+    question = _question(FIRST_QUESTION)
     answer = question.answers[0]
-    act = f"press {answer.button} for {LONG}" if lamp else f"set M{answer.relay} ({coil(answer.relay)})"
+    act = f"press {answer.button} for {LONG}" if lamp else _set(answer.relay, coil)
     return [
-        TableEntry(home, f"stands still, asks: {question.text}", 60, f"{number} flashes"),
+        TableEntry(home, f"stands still, asks: {question.text}", 60, f"{question.flashes} flashes"),
         TableEntry(act, f"stands still, answered: {answer.means}", 20, "off"),
-        idle,
+        TableEntry(home, "stands still, ready", 60, "off"),
     ]
+
+
+def _set(relay: int, coil: Callable[[int], str]) -> str:
+    """Return the action that gives a command by its relay."""
+    return f"set M{relay} ({coil(relay)})"
 
 
 def _table(rows: Sequence[TableEntry], *, lamp: bool) -> list[str]:
@@ -188,7 +204,7 @@ def _questions(coil: Callable[[int], str], *, lamp: bool) -> list[str]:
         rows.append(f"  {each.flashes}  {each.text}")
         for answer in each.answers:
             button = f"press {answer.button} for {LONG}, or " if lamp else ""
-            rows.append(f"     {answer.means}: {button}set M{answer.relay} ({coil(answer.relay)})")
+            rows.append(f"     {answer.means}: {button}{_set(answer.relay, coil)}")
         if each.remedy:
             rows.append(f"     {each.remedy}")
     return rows

@@ -35,11 +35,10 @@ IL: Final = "transplanter.il"
 """Program as a plain-text instruction list with titles and comments."""
 
 _LATCHED: Final = KeptMemory(
-    first=None,
     later=3,
-    note="The memory of a new FX2N is zero, and so is one whose battery was empty: the program cannot tell them apart, "
-    "reports no alarm, and takes the pick position for empty. A tray at the sensor X15 is asked about (4 flashes). "
-    "Otherwise X0 feeds a tray without a question: see that none stands between the magazine and the sensor.",
+    note="The memory of an FX2N is lost if it has never been written, and if the PLC reports a low battery (M8005) at "
+    "power-up; M2 is on in the first scan then, and the set-points return to their defaults. Replace the battery. The "
+    "declaration of a new machine is refused once the memory is valid.",
 )
 
 _README: Final = """{name}: program for a MELSEC FX2N

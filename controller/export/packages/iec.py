@@ -19,10 +19,10 @@ ADDRESSES: Final = "addresses.csv"
 """Addresses of the variables."""
 
 RETAINED: Final = KeptMemory(
-    first=5,
     later=3,
-    note="At the first start the memory is lost: alarm S904 until X0 is pressed. Afterwards the runtime retains rows, "
-    "claws and tray. A runtime that does not is asked as at the first start, and about a tray that is seen.",
+    note="At the first start the memory is lost: alarm S904 until X0 is pressed, or until the machine is declared as "
+    "new, which is refused once the memory is valid. Afterwards the runtime retains rows, claws and tray. A runtime "
+    "that does not is asked as at the first start, and about a tray that is seen.",
 )
 """Memory of a runtime that retains the variables declared so."""
 

@@ -40,7 +40,7 @@ from controller.export.packages.package import (
     write_files,
 )
 from controller.export.runtime_parts.inputs import FieldInputs
-from controller.export.runtime_parts.memory import KeptSetPoints, RetainedMemory, ShownValues
+from controller.export.runtime_parts.memory import KeptDeclaration, KeptSetPoints, RetainedMemory, ShownValues
 from controller.export.runtime_parts.openplc_clock import FAULTS, OpenPlcClock
 from controller.export.runtime_parts.scan_clock import ScanClock
 from controller.export.structured_text import structured_text
@@ -60,14 +60,17 @@ ALARM_BYTE: Final = 300
 """Byte of S900 in %QX; a client reads coil 2400 for S900."""
 REGISTER: Final = 400
 """Word of D0 in %QW; a client reads holding register 500 for D100."""
+DECLARATION: Final = "%MW100"
+"""Word with the declaration of a new machine, behind the set-points."""
 STORAGE_S: Final = 1
 """Period in which the runtime writes its storage, s, as the README of the package demands."""
 
 _LOST: Final = KeptMemory(
-    first=5,
     later=4,
-    note="After every power-up the memory is lost: alarm S904 until X0 is pressed. Rows are unknown then: the arms "
-    "take every row of a tray that is treated as full, also its empty rows.",
+    note="After every power-up the memory is lost: alarm S904 until X0 is pressed, or until the machine is declared as "
+    "new; the storage keeps this declaration until the machine moves. Later, answer the questions instead: a "
+    "declaration conveys the tray out. Rows are unknown: the arms take every row of a tray that is treated as full, "
+    "also its empty rows.",
 )
 
 _README: Final = """{name}: program for OpenPLC Runtime v3 (commit bb35f69 or later)
@@ -77,8 +80,9 @@ _README: Final = """{name}: program for OpenPLC Runtime v3 (commit bb35f69 or la
 
 1. Programs > upload {text}. It compiles without changes. Do not change INTERVAL: the program counts it as its clock.
 {wiring}
-3. Settings > Enable Persistent Storage Thread, {storage_s} s, stores the set-points. All other values are unknown after
-   every power-up, because the runtime stores them too late: the program reports alarm S904 (memory lost), finds its
+3. Settings > Enable Persistent Storage Thread, {storage_s} s, stores the set-points, and in
+   {declaration} the declaration of a new machine. All other values are unknown after every power-up, because the
+   runtime stores them too late: the program reports alarm S904 (memory lost), finds its
    positions by homing, and asks about the tray and the claws (guide "Operating the machine", questions).
 4. Settings > Enable Modbus Server, for a panel: coils 1600 to 1669 are the commands M400 to M469 (write 1; the program
    resets them), coils 2400 to 2499 show the alarms S900 to S999, holding register 400 + n shows register Dn, and the
@@ -193,6 +197,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         OpenPlcClock(program),
         ScanClock(program, FAULTS),
         RetainedMemory(program, retained=False),
+        KeptDeclaration(program, DECLARATION),
         KeptSetPoints(program, lambda index: f"%MW{index}"),
         shown(program),
     )
@@ -204,6 +209,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         addresses=ADDRESSES,
         wiring=_wiring(places),
         storage_s=STORAGE_S,
+        declaration=DECLARATION,
         link=", and if the I/O device does not respond for 100 ms, alarm S901" if modbus else "",
         minutes=first_minutes(source.io_map, _LOST, lambda number: f"coil {COMMAND_COIL + number}"),
         confirmation=CONFIRMATION,

@@ -1,4 +1,4 @@
-"""Retentive memory of an exported program: detection of its loss, and set-points kept by the runtime of OpenPLC."""
+"""Retentive memory of an exported program: detection of its loss, and values kept by the runtime of OpenPLC."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.core.devices import WORD_MAX
-from controller.core.expr import Word
+from controller.core.expr import Bit, Word
 from controller.export.runtime_parts.part import MEMORY_LOST, RuntimePart, system_bit
 from controller.export.structured_text_variables import Variable, Variables
 
 MARK: Final = "memory_kept"
 """Variable that is retained with the other ones; it is on after the first scan with this memory."""
+KEPT_NEW: Final = "kept_new_machine"
+"""Variable of the stored declaration of a new machine."""
+NEW_MACHINE, PHASE, MOTION = "command.new_machine", "tray.phase", "motion allowed"
+"""Names of the devices of a declaration."""
+FORGOTTEN: Final = 4
+"""Phase of a tray that is unknown after a loss of memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +41,56 @@ class RetainedMemory(RuntimePart):
         """Return the line that sets the mark."""
         del variables
         return [f"{MARK} := TRUE;"]
+
+
+@dataclass(frozen=True, slots=True)
+class KeptDeclaration(RuntimePart):
+    """Declaration of a new machine in a word that the runtime stores.
+
+    It stays in effect through losses of power until the machine moves for the first time. From then on the memory of a
+    runtime that does not retain it is lost at each power-up.
+
+    Attributes:
+        word: Address of the stored word.
+    """
+
+    word: str
+
+    def begin(self, variables: Variables) -> list[str]:
+        """Declare the word and return the lines that repeat the declaration in the first scan."""
+        command = variables.device(system_bit(self.program, NEW_MACHINE))
+        lost = variables.device(system_bit(self.program, MEMORY_LOST))
+        phase = variables.device(self._device(PHASE))
+        stored = variables.add(
+            Variable(KEPT_NEW, "INT", self.word, comment="1 = declared as new, and has not moved since")
+        )
+        declared = variables.add(Variable("declared_new", "BOOL", comment="the command can be accepted, this scan"))
+        return [
+            "",
+            "(* new machine: its declaration is repeated in the first scan until the machine has moved *)",
+            f"IF (NOT {MARK}) AND ({stored} = 1) THEN",
+            f"    {lost} := FALSE;",
+            f"    {phase} := {FORGOTTEN};",
+            f"    {command} := TRUE;",
+            "END_IF;",
+            f"{declared} := {command} AND ({phase} = {FORGOTTEN});",
+        ]
+
+    def end(self, variables: Variables) -> list[str]:
+        """Return the lines that store an accepted declaration, and end it with the first motion."""
+        phase, motion = variables.device(self._device(PHASE)), variables.device(self._device(MOTION))
+        return [
+            "",
+            "(* new machine: an accepted declaration is stored until the machine moves *)",
+            f"IF {motion} THEN",
+            f"    {KEPT_NEW} := 0;",
+            f"ELSIF declared_new AND ({phase} <> {FORGOTTEN}) THEN",
+            f"    {KEPT_NEW} := 1;",
+            "END_IF;",
+        ]
+
+    def _device(self, name: str) -> Bit | Word:
+        return next(device for device in self.program.devices() if device.name == name)
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,7 @@ from controller.fx.engine.translate import translate
 from controller.fx.language.instruction import Ladder
 
 FILTER_MS: Final = 8020
+BATTERY_LOW: Final = 8005
 POWER_UP_WATCHDOG_MS: Final = 200
 CLOCK_REGISTERS: Final = 8013
 _STX, _ETX = 0x02, 0x03
@@ -48,6 +49,7 @@ class FxPlc:
         running: Whether the PLC is in RUN.
         error: Error that has stopped the PLC; None = none.
         scans: Number of scans since the change from STOP to RUN.
+        battery_low: Whether the CPU reports a low battery (M8005).
         execution: Execution of the program.
         is_sampled: Whether the program depends on the terminals between two scans.
     """
@@ -92,6 +94,7 @@ class FxPlc:
         self.error: CpuError | None = None
         self.scans = 0
         self._filter, self._filter_ms = InputFilter(self.memory.X, input_filter_ms), input_filter_ms
+        self.battery_low = False
         self._clock = clock or datetime(2000, 1, 1)
         self._last_ms: int | None = None
         self.cpu.latches = self._no_outputs.copy()
@@ -293,6 +296,7 @@ class FxPlc:
         special, words = self.memory.M, self.memory.D
         first = self.scans == 0
         special[8000], special[8001], special[8002], special[8003] = True, False, first, not first
+        special[BATTERY_LOW] = self.battery_low
         for relay, period_ms in ((8011, 10), (8012, 100), (8013, 1_000), (8014, 60_000)):
             special[relay] = now_ms % period_ms < period_ms // 2
         if self._last_ms is not None:

@@ -8,6 +8,7 @@ PROVIDED: Final = {
     "M8000 M8001": "RUN monitor: M8000 on in RUN, M8001 off in RUN",
     "M8002 M8003": "initial pulse: M8002 on, M8003 off in the first scan after STOP to RUN",
     "M8004 D8004": "error flag, and number of the error relay",
+    "M8005": "battery voltage low; `FxPlc.battery_low` sets it",
     "M8011-M8014": "clocks of 10 ms, 100 ms, 1 s and 1 min; a clock faster than the scan is sampled by the scan",
     "M8020-M8022 M8029": "zero, borrow, carry; execution complete",
     "M8024": "direction of BMOV",

@@ -55,6 +55,7 @@ class FieldDevice:
         watchdog_ms: Time of its output watchdog, ms; None = unknown.
         had_gap: True if its output watchdog may have tripped between two writes that it has confirmed.
         model: Values of the registers in which it has reported its model first; empty if it has not.
+        answers: Number of its answers, refusals included.
         waited_s: Total time that scans have waited for its answers, s.
         inputs: Blocks of X points.
         outputs: Blocks of Y points.
@@ -76,7 +77,7 @@ class FieldDevice:
         self.watchdog_ms = plan.watchdog_ms
         self.error = ""
         self.model: tuple[int, ...] = ()
-        self.waited_s = 0.0
+        self.answers, self.waited_s = 0, 0.0
         self.inputs = blocks_of("X", plan.inputs, plan.traits)
         self.outputs = blocks_of("Y", plan.outputs, plan.traits)
         self.registers = register_runs(plan.registers)
@@ -266,7 +267,8 @@ class FieldDevice:
         Raises:
             LinkError: The exchange has failed; the device is closed.
         """
-        self.waited_s += each.took_s
+        if each.data is not None or each.refusal:
+            self.answers, self.waited_s = self.answers + 1, self.waited_s + each.took_s
         if each.data is not None:
             return each.data
         error = self.failed(each.request.operation, each.error)

@@ -288,6 +288,9 @@ class _FieldReader:
         if len(device.model) > (0 if traits.reports is None else traits.reports.count):
             text = f"the module reports {0 if traits.reports is None else traits.reports.count} registers of its model"
             self._fault((*path, "model"), f"{text}; delete values, or write reports: with the registers of the module")
+        if device.reports is not None and len(device.reports.begins) > device.reports.count:
+            text = f"has more values than count = {device.reports.count}; delete values, or correct count"
+            self._fault((*path, "reports", "begins"), text)
         for number, setting in enumerate(device.settings or ()):
             if (setting.value is None) == (setting.watchdog_unit_ms is None):
                 self._fault((*path, "settings", number), "write one of value and watchdog_unit_ms")

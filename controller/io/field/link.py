@@ -69,9 +69,9 @@ class DevicesLink:
         return tuple(device.label for device in self.devices if device.tripped)
 
     @property
-    def waits(self) -> tuple[tuple[str, str, float], ...]:
-        """Label of each device, address of its line, and total time that scans have waited for its answers, s."""
-        return tuple((each.label, each.line.address, each.waited_s) for each in self.devices)
+    def waits(self) -> tuple[tuple[str, str, int, float], ...]:
+        """Label, line, number of answers, total time that scans have waited for them, s, by device."""
+        return tuple((each.label, each.line.address, each.answers, each.waited_s) for each in self.devices)
 
     @property
     def gaps(self) -> tuple[str, ...]:

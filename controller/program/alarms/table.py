@@ -248,6 +248,7 @@ def machine_rungs(tags: Tags, alarms: Annunciators) -> list[Rung]:
         Set(alarms.panel_silent, when=system.panel_silent),
         Rst(alarms.panel_silent, when=~system.panel_silent),
         Set(alarms.memory_lost, when=FIRST_SCAN & system.memory_lost),
+        Rst(alarms.memory_lost, when=tags.commands.new_machine),
         Set(alarms.tray_jam, when=tray.met | tray.overdue),
         Annunciate(
             tray.t_lost,

@@ -94,7 +94,7 @@ class Commands:
         self._add_ways_out()
 
     def _add_ways_out(self) -> None:
-        """Add the commands for part-filled trays, for an arm out of service and for emptying the line."""
+        """Add the commands for part-filled trays, arms out of service, emptying the line and new memory."""
         self.row_empty: dict[str, dict[int, Bit]] = {
             side: {
                 row: self._add(
@@ -116,6 +116,10 @@ class Commands:
             self.in_service[side] = self._add(f"{side}_in_service", "the arm works again", group="service")
         self.empty_line = self._add(
             "empty_line", "release the loaded rows, convey the tray out, feed no other one, then Complete"
+        )
+        self.new_machine = self._add(
+            "new_machine",
+            "the lost memory is that of a new machine: no tray is in use; homing conveys any tray out, and feeds one",
         )
 
     def _add(self, name: str, meaning: str, packml: int | None = None, *, group: str = "") -> Bit:

@@ -66,6 +66,7 @@ class Refusal(IntEnum):
     CONSTANTS = auto()
     TRAY_UNKNOWN = auto()
     GUARD_OPEN = auto()
+    MEMORY_VALID = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +196,7 @@ class Orders:
         yield commands.clear, self._clear()
         yield commands.complete, [running, manual]
         yield commands.empty_line, [running, manual]
+        yield commands.new_machine, self._new_machine()
         begins = any_of(machine.home_requested, machine.start_requested, machine.unhold_requested)
         for mode, bit in commands.modes.items():
             leaves_home = machine.manual if mode is not Mode.MANUAL else ~machine.manual
@@ -271,6 +273,14 @@ class Orders:
         for rows in tags.commands.row_empty.values():
             yield from ((bit, obstacles) for bit in rows.values())
         yield tags.commands.rows_full, obstacles
+
+    def _new_machine(self) -> list[Obstacle]:
+        """Return the obstacles of the command that declares unknown memory as never written."""
+        tags = self._tags
+        return [
+            Obstacle(Refusal.MEMORY_VALID, tags.tray.phase.differs(FORGOTTEN)),
+            Obstacle(Refusal.MOVING, tags.machine.motion),
+        ]
 
     def _of_service(self, side: Side) -> Iterator[tuple[Bit, list[Obstacle]]]:
         """Yield the obstacles of the commands that take an arm out of service and return it."""

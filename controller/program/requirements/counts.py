@@ -74,7 +74,7 @@ class CountMonitor:
         or if the operator states so; only a loss of power leaves a row in doubt.
         """
         commands, now, before = self._tags.commands, self._arm.rows[row], self.rows[row]
-        stated_empty = commands.tray_none | commands.row_empty[self._side][row]
+        stated_empty = any_of(commands.tray_none, commands.new_machine, commands.row_empty[self._side][row])
         return any_of(
             all_of(before.equals(FULL), now.equals(TAKEN), ~stated_empty),
             all_of(before.equals(FULL), now.equals(IN_PROGRESS), ~self._arm.loaded),

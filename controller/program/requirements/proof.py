@@ -135,7 +135,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     steps = [_any_step(sequence) for sequence in machine.program.sequences()]
     yield "no step is active in manual mode", _implies(control.mode.equals(Mode.MANUAL), ~any_of(*steps))
     yield "tray feeder: steps are active only in moving states", _implies(_any_step(machine.feeder), control.motion)
-    yield from (*_of_guard(machine, safety), *_of_warning(machine, safety))
+    yield from (*_of_guard(machine, safety), *_of_warning(machine, safety), *safety.declaration.records())
     yield from _of_tray(machine)
     in_place = tags.tray.phase.equals(IN_PLACE)
     for side in SIDES:
@@ -213,6 +213,12 @@ def _of_tray(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
     yield (
         "a tray being fed is not in place",
         _implies(any_of(feeding, tags.tray.t_jam.done, tags.tray.met), ~in_place),
+    )
+    forgotten = tags.tray.phase.equals(FORGOTTEN)
+    yield "a tray that is unknown has no time of leaving", _implies(forgotten, tags.tray.exit_time.equals(0))
+    yield (
+        "without motion, no tray arrives unexpectedly",
+        _implies(~control.motion, ~(tags.tray.met | tags.tray.t_jam.done)),
     )
     settle = machine.feeder["settle"]
     ends = _one_of(control.state, (State.STOPPING, State.HOLDING))  # with the alarm of a lost tray

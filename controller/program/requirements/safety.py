@@ -19,6 +19,7 @@ from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
 from controller.program.machine import Transplanter
 from controller.program.operator.commands import JOGGED
 from controller.program.requirements.counts import CountMonitor
+from controller.program.requirements.declaration import DeclarationMonitor
 from controller.program.requirements.positions import PositionMonitor
 from controller.program.requirements.safeguards import guarded, warned
 from controller.program.states import Mode, State
@@ -202,12 +203,14 @@ class Safety:
         tags, alarms = program.tags, program.alarms
         self.arms = {side: ArmMonitor(tags, side, program.cycles[side]) for side in SIDES}
         self.machine = MachineMonitor(tags, busy)
+        self.declaration = DeclarationMonitor(tags)
         rungs = [*(rung for arm in self.arms.values() for rung in arm.rungs()), *self.machine.rungs()]
-        self.monitors = Block("monitors", tuple(rungs))
+        self.monitors = Block("monitors", (*rungs, *self.declaration.rungs()))
         self.requirements = (
             *(each for side in SIDES for each in _of_arm(tags, side, self.arms, any_of(*alarms.of_side(side)))),
             *(each for arm in self.arms.values() for each in arm.counts.requirements()),
             *_of_machine(tags, self.arms, self.machine, alarms.tray_jam | alarms.tray_lost),
+            *self.declaration.requirements(),
         )
 
     @property

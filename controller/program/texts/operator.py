@@ -112,6 +112,7 @@ _ORDERS: Final = {
     "rows": Text("change the rows", "更改苗行状态"),
     "service": Text("take the arm out of service or return it", "停用或启用机械臂"),
     "empty_line": Text("empty the line", "清空生产线"),
+    "new_machine": Text("declare the machine as new", "声明为新机器"),
 }
 ORDERS: Final = Declared("ORDERS", __name__, _ORDERS)
 """Names of commands in refusals, by command group."""
@@ -172,6 +173,7 @@ _REFUSALS: Final = {
     ),
     "GUARD_OPEN": Text("the guard is open", "安全门打开"),
     "TRAY_UNKNOWN": Text("the tray may have been moved; home first", "苗盘可能被移动过；请先回原点"),
+    "MEMORY_VALID": Text("the memory is valid, or its loss has been answered", "保持数据有效，或已回答其丢失"),
 }
 REFUSALS: Final = Declared("REFUSALS", __name__, _REFUSALS)
 """Reasons for refusing a command, by name of `refusals.Refusal`."""

@@ -8,36 +8,15 @@ import sys
 from typing import TYPE_CHECKING
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from plant_sim.cli.options.study import TIMEOUT_S
 from plant_sim.cli.study.progress import study_progress
-from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
+from plant_sim.common.defaults import DEFAULT_MACHINE
+from plant_sim.machine.parameters import load_machine
 from plant_sim.study.errors import StudyError
 
 if TYPE_CHECKING:
     from plant_sim.study.campaign.campaign import CampaignResult
     from plant_sim.study.engines import Engine
-
-_TIMEOUT_S = 600.0
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options that only a campaign has."""
-    parser.add_argument(
-        "--engine",
-        choices=("processes", "dask"),
-        help="with campaign: processes of this computer (default), or the workers of a Dask cluster",
-    )
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="with --engine dask: address of the scheduler, e.g. tcp://127.0.0.1:8786"
-    )
-    parser.add_argument(
-        "--timeout",
-        type=float,
-        metavar="SECONDS",
-        help=f"with --engine dask: longest wait for workers or for the next result (default: {_TIMEOUT_S:g})",
-    )
-    parser.add_argument(
-        "--shard", type=int, metavar="N", help="with campaign: maximum number of runs per Parquet file (default: 200)"
-    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -95,7 +74,7 @@ def _engine(options: argparse.Namespace) -> Engine:
     if options.scheduler is None or not options.scheduler.startswith("tcp://"):
         given = "is missing" if options.scheduler is None else f"{options.scheduler}: is not an address"
         raise StudyError(f"--scheduler {given}; write tcp://HOST:PORT, as the scheduler prints it")
-    return DaskEngine(options.scheduler, options.timeout or _TIMEOUT_S, code_version)
+    return DaskEngine(options.scheduler, options.timeout or TIMEOUT_S, code_version)
 
 
 def _notice(text: str) -> None:

@@ -9,14 +9,14 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.cli.study import campaign
 from plant_sim.cli.study.progress import busy, study_progress
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.common.units import QuantityError, parse_quantity
-from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
+from plant_sim.machine.parameters import load_machine
 from plant_sim.study.errors import StudyError
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ _RUN = ("trials", "seed", "seedlings", "workers", "machine", "io_map")
 _PACE = ("spacing", "frequencies")
 _DRAWS = ("trials", "seed", "workers")
 _CLUSTER = ("engine", "scheduler", "timeout", "shard")
-_LEAST = {"trials": 1, "seed": 0, "seedlings": 1, "workers": 1, "timeout": 1, "shard": 1}
 _RANGE = re.compile(r"(\d+)\.\.(\d+)/(\d+)")
 
 
@@ -38,54 +37,14 @@ class _StudyEntry:
     """Entry in the table of studies.
 
     Attributes:
-        about: One-line description.
         make: Function that runs the study; None for a campaign, which has no report.
         options: Options that apply to the study.
         data: Data sets accepted by `--data`.
     """
 
-    about: str
     make: Callable[[argparse.Namespace], Study] | None
     options: tuple[str, ...]
     data: tuple[str, ...] = ()
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``study``."""
-    names = "; ".join(f"{name}: {entry.about}" for name, entry in _STUDIES.items())
-    parser.add_argument("name", choices=_STUDIES, metavar="NAME", help=names)
-    parser.add_argument(
-        "file", nargs="?", type=Path, metavar="FILE", help="with own and campaign: the YAML file of the study"
-    )
-    parser.add_argument(
-        "--data",
-        metavar="SET",
-        help="published data set to use instead of the twin: paper (pepper-rsm), printed or reconciled (cabbage-rsm)",
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="new folder for report, tables and pictures; with campaign: folder of the results, which may exist",
-    )
-    parser.add_argument(
-        "--trials", type=int, metavar="N", help="trials per design point; random blocks per point with planter-..."
-    )
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
-    parser.add_argument(
-        "--seedlings", type=int, metavar="N", help="seedlings per trial (default: 144; planter-lodging: 120)"
-    )
-    parser.add_argument("--spacing", metavar="LENGTH", help="with throughput: plant spacing in a row, e.g. 35cm")
-    parser.add_argument(
-        "--frequencies",
-        metavar="LIST",
-        help="with throughput: planting frequencies, plants per minute per row, e.g. 20..90/10 or 20,30,45",
-    )
-    parser.add_argument("--workers", type=int, metavar="N", help="parallel processes (default: one per core)")
-    campaign.add_arguments(parser)
-    parser.add_argument("--machine", type=Path, metavar="FILE", help="parameters of the machine")
-    parser.add_argument("--io-map", type=Path, metavar="FILE", help="I/O map of the machine")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -131,10 +90,6 @@ def _check(options: argparse.Namespace, entry: _StudyEntry) -> None:
             raise StudyError(f"{flag}: has no effect with {name}{why}; omit it")
         if options.data is not None:
             raise StudyError(f"{flag}: has no effect with --data, which runs no trials; omit one of them")
-    for option, least in _LEAST.items():
-        value = getattr(options, option)
-        if value is not None and value < least:
-            raise StudyError(f"--{option} {value}: must be {least} or more")
 
 
 def _spacing_m(text: str) -> float:
@@ -307,21 +262,15 @@ def _custom(options: argparse.Namespace) -> Study:
 
 
 _STUDIES: Mapping[str, _StudyEntry] = {
-    "pepper-single": _StudyEntry("single-factor tests of the pepper paper", _pepper_single, _RUN),
-    "pepper-rsm": _StudyEntry("the pepper paper's response surface and optimum", _pepper_rsm, _RUN, ("paper",)),
-    "cabbage-rsm": _StudyEntry(
-        "the cabbage paper's regression, from its published tables", _cabbage_rsm, (), ("printed", "reconciled")
-    ),
-    "calibration": _StudyEntry("calibration of the seedling constants", _calibration, ("seed", "machine")),
-    "throughput": _StudyEntry("limits of the planting rate of the machine", _throughput, (*_RUN, *_PACE)),
-    "planter-verdicts": _StudyEntry("verdicts of the simulated falls of the planter", _planter_verdicts, _DRAWS),
-    "planter-release": _StudyEntry("place of the release of the planter", _planter_release, _DRAWS),
-    "planter-lodging": _StudyEntry(
-        "lodging and injury on the cabbage paper's bench", _planter_lodging, (*_DRAWS, "seedlings")
-    ),
-    "line-slip": _StudyEntry("spacing of the plants over the slip of the ground wheel", _line_slip, ("seed",)),
-    "own": _StudyEntry("a custom study", _custom, (*_RUN, "file")),
-    "campaign": _StudyEntry(
-        "runs over factors, faults and seeds, stored in --out and resumed there", None, (*_RUN, *_CLUSTER, "file")
-    ),
+    "pepper-single": _StudyEntry(_pepper_single, _RUN),
+    "pepper-rsm": _StudyEntry(_pepper_rsm, _RUN, ("paper",)),
+    "cabbage-rsm": _StudyEntry(_cabbage_rsm, (), ("printed", "reconciled")),
+    "calibration": _StudyEntry(_calibration, ("seed", "machine")),
+    "throughput": _StudyEntry(_throughput, (*_RUN, *_PACE)),
+    "planter-verdicts": _StudyEntry(_planter_verdicts, _DRAWS),
+    "planter-release": _StudyEntry(_planter_release, _DRAWS),
+    "planter-lodging": _StudyEntry(_planter_lodging, (*_DRAWS, "seedlings")),
+    "line-slip": _StudyEntry(_line_slip, ("seed",)),
+    "own": _StudyEntry(_custom, (*_RUN, "file")),
+    "campaign": _StudyEntry(None, (*_RUN, *_CLUSTER, "file")),
 }

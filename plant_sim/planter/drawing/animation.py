@@ -14,7 +14,8 @@ from plant_sim.planter.drawing.gif import frame_count, write_gif
 from plant_sim.planter.drawing.paths import draw_paths, regime_motions, regimes_figure, shown_m, window_s
 from plant_sim.planter.drawing.scheme import Scheme
 from plant_sim.planter.drawing.shapes import POINTS, note_origin, place_planter, planter_lines
-from plant_sim.planter.motion import Motion, MotionModel, PathSegment
+from plant_sim.planter.motion import Motion, PathSegment
+from plant_sim.planter.motion_model import MotionModel
 
 SLOWED: Final = 4
 """Ratio of the duration of the animation to that of the real motion."""

@@ -20,7 +20,8 @@ from plant_sim.planter.drawing.shapes import (
     place_planter,
     planter_lines,
 )
-from plant_sim.planter.motion import Motion, MotionModel, PathSegment
+from plant_sim.planter.motion import Motion, PathSegment
+from plant_sim.planter.motion_model import MotionModel
 from plant_sim.planter.ratio import regime_of, zero_speed_points
 
 FIG_4_RATIOS: Final = {"k1": 1.17, "k2": 1.0, "k3": 0.87}

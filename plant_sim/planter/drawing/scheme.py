@@ -18,7 +18,8 @@ from plant_sim.planter.drawing.shapes import (
     place_planter,
     planter_lines,
 )
-from plant_sim.planter.motion import Motion, MotionModel
+from plant_sim.planter.motion import Motion
+from plant_sim.planter.motion_model import MotionModel
 
 _FREQUENCY_PER_MIN = 60.0
 """Planting frequency, which does not affect the scheme."""

@@ -8,13 +8,14 @@ from typing import Final
 
 from controller.common.modbus.io_map import IoMap
 from controller.common.yaml_section import Section, read_section, whole
+from plant_sim.common.capacity import MOST_SEEDLINGS
 from plant_sim.faults import Fault, FaultError, parse_fault
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
 from plant_sim.study.design_file import DESIGNS, DesignReader, FactorDesign, design_keys
 from plant_sim.study.errors import StudyError
 from plant_sim.study.fleet import SEEDLINGS
-from plant_sim.study.runner import MOST_SEEDLINGS, MOST_TRIALS
+from plant_sim.study.runner import MOST_TRIALS
 
 MOST_RUNS: Final = 1_000_000
 """Maximum number of runs; the keys of that many take 0.15 GB of memory."""

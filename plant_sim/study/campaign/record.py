@@ -42,6 +42,9 @@ COLUMNS: Final[Mapping[str, tuple[str, str]]] = {
     "reason": ("string", "-"),
     "extrapolates": ("bool", "-"),
     "simulated_s": ("double", "s"),
+    "in_claws": ("int32", "-"),
+    "in_trays_untouched": ("int32", "-"),
+    "in_trays_ploughed": ("int32", "-"),
 }
 """Type and unit of each column of a trial report; the types are those of `shards`."""
 _RATES = ("S", "F_p", "F_d", "F_t")

@@ -12,12 +12,13 @@ import numpy as np
 from controller.common.document.parts import is_stem
 from controller.common.suggestion import suggestion
 from controller.common.yaml_section import Section, one_of, read_section, whole
+from plant_sim.common.capacity import MOST_SEEDLINGS
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.design_file import DesignReader, FactorDesign, design_keys
 from plant_sim.study.doe.regression import fit, terms
 from plant_sim.study.errors import StudyError
 from plant_sim.study.fleet import SEEDLINGS
-from plant_sim.study.runner import MOST_SEEDLINGS, MOST_TRIALS
+from plant_sim.study.runner import MOST_TRIALS
 from plant_sim.twin.report import TrialReport
 
 Model = Literal["none", "linear", "interactions", "quadratic"]

@@ -15,8 +15,8 @@ from plant_sim.crop.response import Number
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.errors import StudyError
 from plant_sim.study.row_motion import MotionWatch, RowMotion
+from plant_sim.twin.ending.rule import HOMING_LIMIT_MS, TRAY_LIMIT_MS
 from plant_sim.twin.lock_step import NotReachedError, Twin
-from plant_sim.twin.trial import HOMING_LIMIT_MS, TRAY_LIMIT_MS
 
 TRAYS: Final = 2
 

@@ -7,10 +7,10 @@ from random import Random
 from statistics import median
 from typing import Final
 
-from controller.core.devices import ANNUNCIATOR_ON, ANNUNCIATORS
 from controller.fx.engine.plc import FxPlc
 from controller.fx.timing.scan_time import executed_ms
 from plant_sim.links.io_module import IoModule
+from plant_sim.twin.ladder.annunciators import annunciators_on
 
 SCAN_MS: Final = 10
 """Time between two scans unless a scan timing is given, ms."""
@@ -114,28 +114,20 @@ class ScanMonitor:
         estimates: Whether scans are estimated.
         estimated_ms: Estimated durations, ms.
         scans: Number of scans.
+        alarms: Annunciators that were on, in the order of their first activation.
     """
 
     estimates: bool = False
     estimated_ms: list[float] = field(default_factory=list)
     scans: int = 0
-    _alarms: dict[int, str] = field(default_factory=dict)
+    alarms: list[int] = field(default_factory=list)
 
     def note(self, plc: FxPlc) -> None:
         """Record the state after a scan."""
         self.scans += 1
-        memory, comments = plc.memory, plc.ladder.comments
-        if memory.M[ANNUNCIATOR_ON]:
-            for number in ANNUNCIATORS:
-                if memory.S[number] and number not in self._alarms:
-                    self._alarms[number] = f"S{number} {comments.get(f'S{number}', '')}".strip()
+        self.alarms += [number for number in annunciators_on(plc) if number not in self.alarms]
         if self.estimates and self.scans % SCANS_PER_ESTIMATE == 0:
-            self.estimated_ms.append(executed_ms(plc.ladder, memory))
-
-    @property
-    def alarms(self) -> tuple[str, ...]:
-        """Annunciators that were on, with their comments, in the order of their first activation."""
-        return tuple(self._alarms.values())
+            self.estimated_ms.append(executed_ms(plc.ladder, plc.memory))
 
     @property
     def estimate(self) -> ScanEstimate | None:

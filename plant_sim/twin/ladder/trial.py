@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Final
 
 from controller.common.modbus.io_map import IoMap
+from controller.common.stop_request import StopRequest
 from controller.fx.engine.execution import fastest_execution
 from controller.fx.engine.peripherals.peripherals import Peripherals
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import DeviceOperand, Ladder, LadderError
 from controller.fx.language.reading import load_ladder
 from plant_sim.crop.seedling import SeedlingCounts
-from plant_sim.devices.operator_box import OperatorBox
+from plant_sim.faults import Fault
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.ladder.scan_timing import NO_WATCHDOG_MS, ScanEstimate, ScanMonitor, ScanTiming, TrialClock
+from plant_sim.twin.ending.rule import INTERRUPTED, EndingRule, TrialEnd, default_max_ms
+from plant_sim.twin.ladder.annunciators import AnnunciatorNames, AnnunciatorRest
+from plant_sim.twin.ladder.scan_timing import (
+    NO_WATCHDOG_MS,
+    ScanEstimate,
+    ScanMonitor,
+    ScanTiming,
+    TrialClock,
+)
 from plant_sim.twin.lock_step import CLEAR_MS
+from plant_sim.twin.question_lamp import ANSWER_MS, LAMP, QuestionLamp, asked_arm, button_of
+from plant_sim.twin.report import account_text
 
 __all__ = ["LadderError", "LadderReport", "ScanRow", "load_ladder", "run_ladder_trial", "table"]
 
@@ -30,7 +41,6 @@ IDLE_LIMIT_MS: Final = 20_000
 """Idle time after which the operator presses the start button, or the trial ends. Twelve cups at 45 cups/min
 take 16 s."""
 MAX_PRESSES: Final = 10
-TRAY_LIMIT_MS: Final = 600_000
 INDICATORS: Final = ("horn", "lamp_red", "lamp_amber", "lamp_green")
 
 
@@ -44,7 +54,8 @@ class LadderReport:
         incidents: Incidents in the plant, one line each.
         simulated_s: Simulated time, s.
         error: CPU error that stopped the program; empty if none.
-        alarms: Annunciators that were on, in the order of their first activation.
+        reason: Reason for an incomplete trial; empty if it completed.
+        alarms: Names of the annunciators that were on, in the order of their first activation.
         scan_estimate: Estimated scan time on a real FX2N; None = not estimated.
     """
 
@@ -53,13 +64,14 @@ class LadderReport:
     incidents: tuple[str, ...]
     simulated_s: float
     error: str
+    reason: str = ""
     alarms: tuple[str, ...] = ()
     scan_estimate: ScanEstimate | None = None
 
     @property
     def completed(self) -> bool:
         """True if every seedling has left the trays and claws without an incident or a CPU error."""
-        return not (self.counts.in_tray or self.counts.in_claw or self.incidents or self.error)
+        return not (self.counts.in_tray or self.counts.in_claw or self.incidents or self.error or self.reason)
 
     def record(self) -> dict[str, object]:
         """Return the report as a flat record."""
@@ -71,22 +83,22 @@ class LadderReport:
             "incidents": list(self.incidents),
             "simulated_s": self.simulated_s,
             "error": self.error,
+            "reason": self.reason,
             "alarms": list(self.alarms),
             **({} if self.scan_estimate is None else {"scan_estimate": asdict(self.scan_estimate)}),
         }
 
     def text(self) -> str:
         """Return the report in a few lines."""
-        c = self.counts
         lines = [
-            f"{c.total} seedlings: {c.in_cups} in cups, {c.P} lost picking, {c.D} lost carrying, {c.T} lost throwing, "
-            f"{c.in_tray} left in trays, {c.in_claw} in claws",
+            *([f"the trial did not complete: {self.reason}"] if self.reason else []),
+            account_text(self.counts),
             f"{self.simulated_s:.1f} s simulated, start pressed {self.presses} times",
             *(f"alarm {name}" for name in self.alarms),
             *self.incidents,
             *([] if self.scan_estimate is None else [str(self.scan_estimate)]),
         ]
-        return "\n".join([*lines, self.error] if self.error else lines)
+        return "\n".join(lines)
 
 
 def run_ladder_trial(
@@ -100,11 +112,15 @@ def run_ladder_trial(
     timing: ScanTiming | None = None,
     estimates: bool = False,
     peripherals: Peripherals | None = None,
+    faults: Iterable[Fault] = (),
+    rule: EndingRule | None = None,
+    stop: StopRequest | None = None,
 ) -> LadderReport:
-    """Run an FX program on the plant until all motion has stopped.
+    """Run an FX program on the plant until all motion has stopped, or the trial ends by its rule.
 
     The operator presses the start button whenever nothing has moved for `IDLE_LIMIT_MS` and seedlings remain. If the
-    first press has moved nothing, the operator confirms machine constants before the second one.
+    amber lamp asks a question, the operator answers it instead; if a press has moved nothing without a question, the
+    operator confirms machine constants before the next one.
 
     Args:
         ladder: The program; it drives the terminals of the I/O map.
@@ -117,18 +133,26 @@ def run_ladder_trial(
             `SCAN_MS`, which also samples the terminals.
         estimates: True to estimate the scan time of a real FX2N, which takes a few seconds.
         peripherals: Special function modules and serial line; None = none.
+        faults: Faults of the plant.
+        rule: Rule by which the trial ends; None = without an operator, and with the default time limit.
+        stop: Request to stop the trial, which the signals make from its begin; None leaves the signals unchanged.
 
     Raises:
         LadderError: The program cannot be run.
     """
-    plant = Plant(io_map, parameters, seed=seed, trays=trays)
+    plant = Plant(io_map, parameters, seed=seed, trays=trays, faults=faults)
     module = IoModule(plant, io_map, watchdog_ms=NO_WATCHDOG_MS)
     plc = FxPlc(ladder, execution=fastest_execution, peripherals=peripherals)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
-    operator = _Operator(plant.box)
+    operator = _Operator(plant)
     still_ms, now_ms = IDLE_LIMIT_MS - PRESS_MS, 0  # first press soon after start
     clock, monitor = TrialClock(timing, seed), ScanMonitor(estimates)
-    while plc.error is None and now_ms < trays * TRAY_LIMIT_MS:
+    rule = rule or EndingRule(default_max_ms(trays))
+    names = AnnunciatorNames(ladder)
+    rest, ending = AnnunciatorRest(names), None
+    if stop is not None:
+        stop.collect()
+    while plc.error is None and ending is None:
         image = plc.scan(now_ms, module.inputs())[: io_map.output_count]
         if now_ms == 0:
             _write(plc, values or {})
@@ -137,12 +161,27 @@ def run_ladder_trial(
         scan_ms = clock.next_ms(plc)
         moves = any(point.active(image[point.number]) for point in movers)
         still_ms = 0 if moves else still_ms + scan_ms
-        operator.moved |= moves
-        if still_ms >= IDLE_LIMIT_MS:
+        operator.look(now_ms, moves=moves)
+        is_idle, complete = still_ms >= IDLE_LIMIT_MS, False
+        if is_idle:
             counts = plant.counts()
-            if operator.presses == MAX_PRESSES or not (counts.in_tray or counts.in_claw):
+            complete = not (counts.in_tray or counts.in_claw)
+            if operator.acts == MAX_PRESSES and not complete:
+                ending = TrialEnd(None, f"buttons pressed {MAX_PRESSES} times, and seedlings are left")
                 break
+        ending = rule.ending(
+            now_ms,
+            complete=complete,
+            rest=rest.of(plc, now_ms, moves=moves),
+            state="the machine moves" if moves else "nothing moves",
+        )
+        if stop is not None and stop.is_set():
+            ending = TrialEnd(None, INTERRUPTED)
+        if ending is not None:
+            break
+        if is_idle:
             still_ms = 0
+            rest.forget(plc)
             operator.plan(now_ms, max(PRESS_MS, PRESS_SCANS * scan_ms))
         operator.act(now_ms)
         clock.advance(module, plc, now_ms, scan_ms)
@@ -155,43 +194,62 @@ def run_ladder_trial(
         incidents,
         simulated_s,
         error,
-        alarms=monitor.alarms,
+        reason=error if ending is None else ending.reason,
+        alarms=tuple(map(names, monitor.alarms)),
         scan_estimate=monitor.estimate,
     )
 
 
 @dataclass(slots=True)
 class _Operator:
-    """Operator who knows the push buttons, but not the program.
+    """Operator who knows the push buttons and the amber lamp, but not the program.
 
     Attributes:
-        box: Push buttons at the machine.
-        presses: Number of presses of the start button, including a planned one.
+        plant: The plant with its push buttons and lamps.
+        acts: Number of presses that order something or answer a question, including a planned one.
+        presses: Number of those of the start button.
         moved: Whether anything has moved since power-up.
     """
 
-    box: OperatorBox
+    plant: Plant
+    acts: int = 0
     presses: int = 0
     moved: bool = False
+    _was_start: bool = False
+    _lamp: QuestionLamp = field(default_factory=QuestionLamp)
     _changes: list[tuple[int, str, bool]] = field(default_factory=list)
 
-    def plan(self, now_ms: int, press_ms: int) -> None:
-        """Plan a press of X0; if the first one moved nothing, X25 and X24 are pressed before it.
+    def look(self, now_ms: int, *, moves: bool) -> None:
+        """Note whether anything moves, and the flashes of the lamp."""
+        self.moved |= moves
+        self._lamp.update(now_ms, is_lit=self.plant.indicators.get(LAMP, False))
 
-        A program whose machine constants differ from their defaults waits for X25, and then for X24.
+    def plan(self, now_ms: int, press_ms: int) -> None:
+        """Plan the answer to a question, otherwise a press of X0; X25 and X24 before it if one moved nothing.
+
+        A program with lost memory asks whether to feed a tray, and X24 is the answer. One whose machine constants
+        differ from their defaults waits for X25, and then for X24.
         """
-        confirms = self.presses == 1 and not self.moved
-        for button, for_ms in (("emergency_stop", press_ms), ("stop", CLEAR_MS), ("start", press_ms)):
-            if confirms or button == "start":
-                self._changes += [(now_ms, button, True), (now_ms + for_ms, button, False)]
-                now_ms += for_ms + press_ms
-        self.presses += 1
+        if question := self._lamp.flashes:
+            side = asked_arm(question)
+            holds = side is not None and bool(self.plant.arms[side].grip.held)
+            presses = [(button_of(question, holds=holds), ANSWER_MS)]
+        elif self._was_start and not self.moved:
+            presses = [("emergency_stop", press_ms), ("stop", CLEAR_MS), ("start", press_ms)]
+        else:
+            presses = [("start", press_ms)]
+        self._was_start = presses[0][0] == "start" and not question
+        for button, for_ms in presses:
+            self._changes += [(now_ms, button, True), (now_ms + for_ms, button, False)]
+            now_ms += for_ms + press_ms
+        self.acts += 1
+        self.presses += presses[-1][0] == "start"
 
     def act(self, now_ms: int) -> None:
         """Press and release the buttons whose time has come."""
         while self._changes and self._changes[0][0] <= now_ms:
             _, button, pressed = self._changes.pop(0)
-            setattr(self.box, button, pressed)
+            setattr(self.plant.box, button, pressed)
 
 
 def _write(plc: FxPlc, values: Mapping[DeviceOperand, int]) -> None:

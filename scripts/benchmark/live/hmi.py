@@ -173,6 +173,7 @@ def running_controller(
             "0",
             "--retain",
             str(folder / "retentive.json"),
+            "--new-machine",
             "--events",
             "json",
             "--no-console",

@@ -14,7 +14,7 @@ from pathlib import Path
 from string import Template
 from typing import Final
 
-from controller.common.command_line import HelpFormatter, Parser, run_command
+from controller.common.command_line import Parser, run_command
 from controller.common.document.rendering import reference_table, write_texts
 from controller.common.errors import InputError
 from scripts.benchmark.catalogue import PARTS
@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(prog="python -m scripts.benchmark.results.page", formatter_class=HelpFormatter)
+    parser = Parser(prog="python -m scripts.benchmark.results.page")
     parser.add_argument("results", type=Path, metavar="FILE", help="results written by scripts/bench --json")
     parser.add_argument("--out", type=Path, required=True, help="output folder")
     return parser

@@ -18,6 +18,7 @@ from controller.fx.language.check import MOST_STEPS, check
 from controller.fx.language.instruction_set import steps
 from controller.fx.language.reading import load_ladder
 from controller.program.machine import build
+from controller.program.memory import lose
 from controller.program.states import State
 from plant_sim.cli.main import main as plant_sim
 from plant_sim.machine.plant import Plant
@@ -137,10 +138,10 @@ def test_the_only_finding_in_the_exported_program_concerns_commands_set_by_an_hm
     assert controller(["ladder", "check", str(tmp_path / "transplanter.il")]) == 0
     orders, *rest = capsys.readouterr().out.splitlines()
     assert ": warning:" not in "".join(rest)
-    assert re.search(r": warning: M0, M2 to M6, M400 to .*: read but never driven; valid if a screen", orders)
+    assert re.search(r": warning: M0, M3 to M6, M400 to .*: read but never driven; valid if a screen", orders)
     assert str(MACHINE.tags.system.panel_shown) == "M8", "not read, because the amber lamp shows the questions"
     (orders_without,) = check(export(acting(build(unwired("lamp_amber")).program)))
-    assert "M0, M2 to M6, M8, M400 to " in orders_without.text, "without the lamp, the panel sets it"
+    assert "M0, M3 to M6, M8, M400 to " in orders_without.text, "without the lamp, the panel sets it"
 
 
 def test_run_traces_devices_scan_by_scan(program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -197,22 +198,21 @@ def test_the_exported_program_transplants_144_seedlings(
 ) -> None:
     """With the same button presses, the export puts each seedling where the original program does, without incidents.
 
-    The times of the presses determine where the cups are when an arm reaches them, and thus how long the arm holds its
-    row.
+    The memory of both is lost, and the operator answers the question about the tray. The times of the presses determine
+    where the cups are when an arm reaches them, and thus how long the arm holds its row.
     """
     plants: list[Watched] = []
 
     class Watched(Plant):
-        """Plant that records the times at which its start button is pressed."""
+        """Plant that records the times at which its buttons are pressed."""
 
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)
-            self.pressed_ms: set[int] = set()
+            self.pressed: set[tuple[str, int]] = set()
             plants.append(self)
 
         def step(self, for_ms: int, y: Sequence[bool]) -> None:
-            if self.box.start:
-                self.pressed_ms.add(self.time_ms)
+            self.pressed |= {(button, self.time_ms) for button in ("start", "stop") if getattr(self.box, button)}
             super().step(for_ms, y)
 
     assert controller(["ladder", "export", "--target", "fx2n", "--out", str(tmp_path)]) == 0
@@ -222,8 +222,11 @@ def test_the_exported_program_transplants_144_seedlings(
     report = json.loads(capsys.readouterr().out)
     (theirs,) = plants
     ours = Twin(seed=1, trays=2, set_points={"trays_target": 2})
+    lose(ours.machine.tags, ours.plc)
     while ours.now_ms < 1_000 * report["simulated_s"]:
-        ours.plant.box.start = ours.now_ms in theirs.pressed_ms
+        ours.plant.box.start, ours.plant.box.stop = (
+            (button, ours.now_ms) in theirs.pressed for button in ("start", "stop")
+        )
         ours.scan()
     assert ours.state is State.COMPLETE
     assert report["total"] == 144
@@ -238,13 +241,13 @@ def test_the_exported_program_transplants_144_seedlings(
 def test_the_operator_of_a_trial_confirms_constants_that_differ(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The first press of X0 moves nothing; after X25 (alarm S900) and X24, the second homes and the third starts."""
+    """The first press of X0 moves nothing; after X25 (alarm S900) and X24, the second asks, the third homes."""
     assert controller(["ladder", "export", "--target", "fx2n", "--set", "clamp=21", "--out", str(tmp_path)]) == 0
     capsys.readouterr()
     assert plant_sim(["trial", "--ladder", str(tmp_path / "transplanter.csv"), "--trays", "1", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["completed"]
-    assert (report["presses"], [alarm.split()[0] for alarm in report["alarms"]]) == (3, ["S900"])
+    assert (report["presses"], [alarm.split()[0] for alarm in report["alarms"]]) == (4, ["S900"])
     assert report["in_cups"] > 60
 
 
@@ -252,7 +255,7 @@ def test_a_program_without_outputs_transplants_nothing(program: Path, capsys: py
     program.write_text("LD X0\nOUT M0\nEND\n", encoding="utf-8")
     assert plant_sim(["trial", "--ladder", str(program), "--trays", "1"]) == 1
     printed = capsys.readouterr().out
-    assert "72 left in trays" in printed
+    assert "in trays untouched 72" in printed
     assert "start pressed 10 times" in printed
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import signal
 import socket
 import sqlite3
@@ -15,17 +14,18 @@ import httpx
 import pytest
 
 from controller.cli import panel
+from controller.cli.options.panel import add_arguments
+from controller.common.command_line import Parser
 from controller.common.errors import InputError
 from controller.hmi.panel.view.trend_file import APPLICATION
 from tests.real_time import WAIT_S
 
 
 def refused(tmp_path: Path, *given: str) -> str:
-    parser = argparse.ArgumentParser()
-    panel.add_arguments(parser)
-    options = parser.parse_args(["--users", str(tmp_path / "users.json"), "--port", "0", *given])
+    parser = Parser()
+    add_arguments(parser)
     with pytest.raises(InputError) as raised:
-        panel.run(options)
+        panel.run(parser.parse_args(["--users", str(tmp_path / "users.json"), "--port", "0", *given]))
     assert "\n" not in str(raised.value)
     return str(raised.value)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
@@ -13,6 +14,8 @@ from controller.cli.main import main
 from controller.common.stop_request import StopRequest
 from controller.history.schema import create_statements
 from controller.iomap.loader import DEFAULT_IO_MAP
+from controller.program.tags import FORGOTTEN
+from tests.retained import retained
 from tests.wiring import DELIVERED
 
 LAMP = DELIVERED["lamp_amber"]
@@ -29,7 +32,7 @@ def start_messages(
     """Start the controller on an I/O map, stopped before the field responds, and return its messages."""
     path = folder / "map.yaml"
     path.write_text("".join(lines), encoding="utf-8")
-    options = ["--io-map", str(path), "--retain", str(folder / "r.json"), "--hmi-port", "0", "--no-console", *more]
+    options = ["--io-map", str(path), *retained(folder / "r.json"), "--hmi-port", "0", "--no-console", *more]
     with StopRequest() as stop:
         stop.set()
         assert main(["run", *options], stop) == 0
@@ -105,7 +108,7 @@ REFUSED = {
 def start(folder: Path, expected: int) -> None:
     with StopRequest() as stop:
         stop.set()
-        assert main(["run", "--retain", str(folder / "r.json"), "--hmi-port", "0", "--no-console"], stop) == expected
+        assert main(["run", *retained(folder / "r.json"), "--hmi-port", "0", "--no-console"], stop) == expected
 
 
 def written(folder: Path, name: str, write: Callable[[Path], object], reason: str) -> tuple[Path, bytes, str]:
@@ -138,3 +141,42 @@ def test_a_file_of_a_newer_program_ends_the_start_and_is_not_changed(
     assert f"{path}: {reason}; use the program version that wrote the file" in line
     assert path.read_bytes() == before
     assert list(tmp_path.glob("*.damaged*")) == []
+
+
+# new machine
+
+
+def test_a_missing_memory_counts_as_lost_and_the_line_names_the_remedies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The loss is stored before the first scan, so that the next start asks as well."""
+    path = tmp_path / "r.json"
+    with StopRequest() as stop:
+        stop.set()
+        assert main(["run", "--retain", str(path), "--hmi-port", "0", "--no-console"], stop) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{path}: no memory, which counts as lost; ")
+    assert "--new-machine" in line
+    assert "command new_machine" in line
+    assert json.loads(path.read_bytes())["values"]["D561"] == FORGOTTEN
+
+
+@pytest.mark.parametrize("name", ["r.json", "r.json.mark"])
+def test_a_machine_whose_memory_has_been_written_cannot_be_declared_new(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line, exit code 2, and no file is changed, whatever the file contains."""
+    start(tmp_path, expected=0)
+    left = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for other in {"r.json", "r.json.mark"} - {name}:
+        (tmp_path / other).unlink()
+        del left[other]
+    capsys.readouterr()
+    with StopRequest() as stop:
+        command = ["run", "--retain", str(tmp_path / "r.json"), "--new-machine", "--hmi-port", "0", "--no-console"]
+        assert main(command, stop) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(
+        f"--new-machine: {tmp_path / name} exists, so the memory has been written; omit --new-machine"
+    )
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == left

@@ -24,6 +24,7 @@ from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
 from tests.paths import DOCS
 from tests.real_time import LOCK_STEP, SIMULATED, WAIT_S
+from tests.retained import retained
 
 FOLDER = DOCS / "examples" / "systemd"
 KIOSK = "transplanter-kiosk.service"
@@ -49,7 +50,7 @@ def test_the_manager_is_told_when_the_field_responds_and_that_scans_go_on(
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = str(reserved.getsockname()[1])
     monkeypatch.setenv("NOTIFY_SOCKET", manager.getsockname())
-    arguments = ["--port", port, "--retain", str(tmp_path / "r.json"), "--hmi-port", "0", "--no-console"]
+    arguments = ["--port", port, *retained(tmp_path / "r.json"), "--hmi-port", "0", "--no-console"]
     with Process("controller", ["controller", "run", *arguments, *SIMULATED]) as controller:
         assert controller.next_line(WAIT_S)  # serves its panels while the field does not respond
         manager.setblocking(False)

@@ -11,7 +11,7 @@ from tests.real_time import WAIT_S
 
 PROGRAM = """
 import io, signal, sys, types
-from controller.common.command_line import CommandLine
+from controller.common.command_line import CommandEntry, CommandLine
 from controller.common.stop_request import run_process
 
 class SignalAtTheEnd(io.StringIO):
@@ -21,7 +21,7 @@ class SignalAtTheEnd(io.StringIO):
 module = sys.modules["count"] = types.ModuleType("count")
 module.add_arguments = lambda parser: None
 module.run = lambda options: {code}
-command_line = CommandLine("p", "p", "d", {{"count": ("count", "count")}}, "count", services=frozenset())
+command_line = CommandLine("p", "p", "d", {{"count": CommandEntry("count", "count")}}, "count", services=frozenset())
 sys.stdout = SignalAtTheEnd()
 run_process(lambda stop: {main})
 """

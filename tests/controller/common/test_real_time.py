@@ -26,6 +26,7 @@ from controller.common.real_time import (
 )
 from plant_sim.twin.process import Process
 from tests.real_time import WAIT_S
+from tests.retained import retained
 
 PRIORITY = 33
 SCHED_OTHER, SCHED_FIFO = 0, 1
@@ -96,7 +97,7 @@ def test_only_the_thread_of_the_scan_has_the_priority_and_the_processor(tmp_path
     real = ["--real-time-priority", str(PRIORITY), "--real-time-cpu", str(cpu)]
     with Process("plant", ["plant_sim", "serve", "--port", "0"]) as plant:
         port = (plant.next_line(WAIT_S) or "").rpartition(":")[2]
-        arguments = ["controller", "run", "--port", port, "--retain", str(tmp_path / "r.json"), "--hmi-port", "0"]
+        arguments = ["controller", "run", "--port", port, *retained(tmp_path / "r.json"), "--hmi-port", "0"]
         with Process("controller", [*arguments, "--no-console", "--events", "json", *real]) as controller:
             lines = [controller.next_line(WAIT_S), controller.next_line(WAIT_S)]
             if not is_permitted():

@@ -161,13 +161,19 @@ class ExecutionPair(Pair):
         self.soft.write(device, value)
         self.fast.write(device, value)
 
-    def power_cycle(self) -> None:
+    def report_loss(self) -> None:
+        self.write(MACHINE.tags.system.memory_lost, 1)
+
+    def power_cycle(self, *, battery_low: bool = False) -> None:
         retained, fast = self.soft.retained(), self.fast.retained()
         assert retained == fast
         self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
         self.fast = with_machine_code(MACHINE.program, self.filter_ms)
-        self.soft.restore_retained(retained)
-        self.fast.restore_retained(retained)
+        if battery_low:
+            self.report_loss()
+        else:
+            self.soft.restore_retained(retained)
+            self.fast.restore_retained(retained)
         self.give_constants()
 
     def scan(self, now_ms: int, levels: list[bool]) -> list[bool]:  # type: ignore[override]

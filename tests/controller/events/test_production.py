@@ -30,7 +30,7 @@ from controller.program.states import Mode, State
 from controller.program.tags import ROWS, SIDES, Side
 from controller.program.texts.next_press import NEXT_PRESSES
 from plant_sim.faults import parse_fault
-from plant_sim.twin.live import ReportedEvents
+from plant_sim.twin.ending.reported import ReportedEvents
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import home_again, repair
 from tests.controller.program.recovery.test_ways_out import power_lost_clamping

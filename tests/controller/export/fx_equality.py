@@ -29,7 +29,7 @@ BUTTONS = ("start", "stop", "emergency_stop")
 COMMANDS = [command.bit for command in TAGS.commands]
 HARMLESS = [bit for bit in COMMANDS if bit != TAGS.commands["abort"]]
 ANSWERS = {
-    TAGS.tray.ask: [TAGS.commands[name] for name in ("tray_same", "tray_full", "tray_none")],
+    TAGS.tray.ask: [TAGS.commands[name] for name in ("tray_same", "tray_full", "tray_none", "new_machine")],
     **{
         TAGS.arms[side].ask: [TAGS.commands[f"{side}_{name}"] for name in ("loaded_yes", "loaded_no", "discard")]
         for side in SIDES
@@ -37,6 +37,8 @@ ANSWERS = {
     **{TAGS.arms[side].ask_cups: [TAGS.commands["cups_empty"]] for side in SIDES},
 }
 """Commands that answer each question."""
+STATUS = [bit for bit in TAGS.system.bits() if bit != TAGS.system.memory_lost]
+"""System bits that both PLCs are given; each detects a loss of its memory at power-up."""
 EMPTY_ROWS = [bit for rows in TAGS.commands.row_empty.values() for bit in rows.values()]
 """Commands that state that a row is empty; without them, few trays become empty in a story."""
 OTHER_WAYS = [
@@ -115,7 +117,12 @@ class Pair:
         self.fx = FxPlc(with_constants(self.ladder, self.constants), input_filter_ms=self.filter_ms)
         self._writes: dict[Bit | Word, int] = {}
         self._states: list[bool] = []
+        self.report_loss()
         self.give_constants()
+
+    def report_loss(self) -> None:
+        """Report the lost memory to the soft PLC; the FX2N detects it itself."""
+        self.soft.write(TAGS.system.memory_lost, 1)
 
     def give_constants(self) -> None:
         """Write the constants before the first scan of a start."""
@@ -131,11 +138,15 @@ class Pair:
         else:
             self.fx.memory.set_word(device.kind, device.number, value)
 
-    def power_cycle(self) -> None:
-        """Cycle the power of both PLCs."""
+    def power_cycle(self, *, battery_low: bool = False) -> None:
+        """Cycle the power of both PLCs; with a low battery, the memory is lost."""
         retained = self.soft.retained()
         self.soft = Plc(self.program, input_filter_ms=self.filter_ms)
-        self.soft.restore_retained(retained)
+        if battery_low:
+            self.report_loss()
+        else:
+            self.soft.restore_retained(retained)
+        self.fx.battery_low = battery_low
         self.fx.power_cycle()
         self.give_constants()
 
@@ -148,6 +159,7 @@ class Pair:
         without_supervision(self.fx)
         unconfirmed = self.soft.read(TAGS.machine.constants_open)
         soft, fx = self.soft.scan(now_ms, list(levels)), self.fx.scan(now_ms, list(levels))
+        self.soft.write(TAGS.system.memory_lost, 0)
         self.scans += 1
         self.moving += any(soft[number] for number in MOVING)
         self.confirmed += unconfirmed > self.soft.read(TAGS.machine.constants_open)
@@ -212,14 +224,13 @@ def stories(
         _command(pair, chance)
         repair = _stick(pair, world, chance, repair)
         if chance.random() < 0.0005:
-            bit = chance.choice(TAGS.system.bits())
-            pair.write(bit, 1)
+            pair.write(chance.choice(STATUS), 1)
         elif chance.random() < 0.2:
-            for bit in TAGS.system.bits():
+            for bit in STATUS:
                 pair.write(bit, bit == TAGS.system.panel_shown and panel)
         clamping = any(pair.soft.read(step) for step in CLAMPING)
         if power_fails and chance.random() < (0.02 if clamping else 0.0005):
-            pair.power_cycle()
+            pair.power_cycle(battery_low=chance.random() < 0.1)
         if clamping and chance.random() < 0.02:
             pair.write(TAGS.commands["abort"], 1)
             world.stuck = {chance.choice(DOWN): False}

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 from xml.etree import ElementTree as Xml
 
-from controller.cli.ladder_export import TARGETS
+from controller.cli.ladder.export import TARGETS
 from controller.core.expr import Word
 from controller.export.packages.package import Io, PackageSource
 from controller.export.runtime_parts.part import SCAN_MS
@@ -254,7 +254,6 @@ class FxRig:
 
     def __init__(self, ladder: Ladder, *, trays: int = 1) -> None:
         """Connect a PLC that has never run to a plant; nothing is set."""
-        self._ladder = ladder
         self._plc = FxPlc(ladder)
         self._now_ms = 0
         self.module = IoModule(Plant(MACHINE.io_map, load_machine(), seed=1, trays=trays), MACHINE.io_map)
@@ -280,9 +279,8 @@ class FxRig:
         return image
 
     def power_cycle(self, *, memory_lost: bool = False) -> None:
-        """Cycle the power; the latched devices are kept, unless the battery is empty."""
-        if memory_lost:
-            self._plc = FxPlc(self._ladder)
+        """Cycle the power; the latched devices are kept, but the memory is lost if the battery is low."""
+        self._plc.battery_low = memory_lost
         self._plc.power_cycle()
 
 

@@ -15,6 +15,7 @@ MOST_ANSWERS: Final = 4
 """Homings within which all questions must be answered."""
 BUTTONS: Final = {"X0": "start", "X24": "stop", "X25": "emergency_stop"}
 FIRST: Final = "First start and first trial:"
+NEW: Final = "New machine, declared once at installation:"
 CYCLE: Final = "Power cycle in the middle of a trial:"
 STOP: Final = "Emergency stop in the middle of a trial:"
 """Titles of the tables."""

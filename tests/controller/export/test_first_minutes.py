@@ -22,7 +22,7 @@ from tests.controller.export.package_rig import (
     parsed_program,
     program,
 )
-from tests.controller.export.readme_steps import CYCLE, FIRST, STOP, Step, answers, perform, table
+from tests.controller.export.readme_steps import CYCLE, FIRST, NEW, STOP, Step, answers, perform, table
 from tests.controller.export.terminals import Rig, Terminals
 from tests.controller.program.interlock_scene import TAGS
 from tests.paths import ROOT
@@ -30,7 +30,6 @@ from tests.sampling import first_of
 from tests.wiring import unwired
 
 TARGETS = ["fx2n", "openplc", "codesys", "plain"]
-FIRST_ASKED = {"fx2n": [], "codesys": [5], "openplc": [5], "plain": [5]}
 
 
 def new(target: str, *, trays: int = 1) -> Rig:
@@ -55,7 +54,7 @@ def seedlings(rig: Rig) -> tuple[int, int]:
 @pytest.mark.parametrize("target", first_of(TARGETS, 2))
 def test_the_first_start_of_the_readme_ends_in_work(target: str) -> None:
     steps = until_it_works(table(package(target)["README.txt"], FIRST))
-    assert [int(step.lamp[0]) for step in steps if "flashes" in step.lamp] == FIRST_ASKED[target]
+    assert [int(step.lamp[0]) for step in steps if "flashes" in step.lamp] == [Question.NO_TRAY]
     assert perform(steps, new(target)) == []
 
 
@@ -69,6 +68,33 @@ def test_the_first_trial_of_the_readme_is_complete(target: str) -> None:
     assert seedlings(rig) == (72 * trays, 72 * trays)
 
 
+@pytest.mark.parametrize("target", first_of(TARGETS, 2))
+def test_a_machine_declared_new_works_without_a_question(target: str) -> None:
+    steps = until_it_works(table(package(target)["README.txt"], NEW))
+    assert {step.lamp for step in steps} == {"off", "-"}
+    assert perform(steps, new(target)) == []
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_tray_in_a_machine_declared_new_is_conveyed_out_by_homing(target: str) -> None:
+    """The tray that was in place does not move before X0, and no row of it is taken."""
+    readme, rig = package(target)["README.txt"], new(target, trays=2)
+    conveyor = rig.module.plant.conveyor
+    assert perform(until_it_works(table(readme, FIRST)), rig) == []
+    operator = Terminals(rig)
+    operator.press("emergency_stop", 500)
+    operator.switch_off(1_000, memory_lost=True)
+    on, declared, homes, works = until_it_works(table(readme, NEW))
+    standing, at_place = rig.module.plant.counts().in_tray, conveyor.placed_tray
+    assert perform([on, declared], rig) == []
+    assert (conveyor.placed_tray, rig.module.plant.counts().in_tray) == (at_place, standing)
+    assert perform([homes], rig) == []
+    assert at_place == 0
+    assert conveyor.placed_tray == 1
+    assert perform([works], rig) == []
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("title", [CYCLE, STOP])
@@ -80,8 +106,8 @@ def test_an_interrupted_trial_is_finished_as_the_readme_says(target: str, title:
 
 
 @pytest.mark.nightly
-def test_an_fx2n_whose_battery_was_empty_asks_about_a_tray_that_is_seen() -> None:
-    """The README says that the program cannot tell it from a new one; the trial is finished."""
+def test_an_fx2n_with_a_low_battery_asks_about_a_tray_that_is_seen() -> None:
+    """The memory is cleared although it is still there, and the trial is finished."""
     rig = new("fx2n")
     assert perform(until_it_works(table(package("fx2n")["README.txt"], FIRST)), rig) == []
     operator = Terminals(rig)

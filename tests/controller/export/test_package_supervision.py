@@ -7,7 +7,9 @@ import pytest
 from controller.export.runtime_parts.inputs import FIRST_EXCHANGE_MS, LINK_LIMIT_MS
 from controller.export.runtime_parts.part import SCAN_MS
 from controller.export.runtime_parts.scan_clock import SCAN_LIMIT_MS, WINDOW_S
+from controller.program.operator.refusals import Refusal
 from controller.program.states import State
+from controller.program.tags import COMING, FORGOTTEN
 from tests.controller.export.package_rig import MOVERS, PLACES, PackageRig, homing, rig
 from tests.controller.program.interlock_scene import MACHINE
 from tests.sampling import first_of, one_in
@@ -218,6 +220,41 @@ def test_a_retained_memory_is_valid_and_a_lost_one_is_reported(target: str) -> N
             machine.power_cycle(memory_lost=memory_lost)
         run(machine, 2)
         assert machine.alarm(904) == (memory_lost is not False)
+
+
+def test_openplc_keeps_a_declaration_until_the_machine_moves() -> None:
+    """It outlasts power cycles before the first homing, and is not repeated in the middle of a trial."""
+    machine = rig("openplc")
+    run(machine, 2)
+    machine.set_relay("coil 1658")
+    run(machine, 2)
+    for _ in range(2):
+        assert not machine.alarm(904)
+        assert machine.read(MACHINE.tags.tray.phase) == COMING
+        machine.power_cycle()
+        run(machine, 2)
+    machine.set_relay("coil 1600")
+    run(machine, 200)
+    assert machine.is_in(State.RESETTING)
+    machine.power_cycle()
+    run(machine, 2)
+    assert machine.alarm(904)
+    assert machine.read(MACHINE.tags.tray.phase) == FORGOTTEN
+
+
+def test_openplc_does_not_keep_a_declaration_that_is_refused() -> None:
+    machine = rig("openplc")
+    run(machine, 2)
+    machine.set_relay("coil 1658")
+    run(machine, 2)
+    machine.set_relay("coil 1600")
+    run(machine, 200)
+    machine.set_relay("coil 1658")
+    run(machine, 2)
+    assert machine.read(MACHINE.tags.machine.refusal) == Refusal.MEMORY_VALID
+    machine.power_cycle()
+    run(machine, 2)
+    assert machine.alarm(904)
 
 
 def test_commands_and_values_of_openplc_are_at_the_addresses_of_the_readme() -> None:

@@ -63,11 +63,17 @@ class StPair(Pair):
         self.soft.write(device, value)
         self.st.write(address(device.kind, device.number).removeprefix("%"), value)
 
-    def power_cycle(self) -> None:
+    def report_loss(self) -> None:
+        self.write(MACHINE.tags.system.memory_lost, 1)
+
+    def power_cycle(self, *, battery_low: bool = False) -> None:
         retained = self.soft.retained()
         self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
-        self.soft.restore_retained(retained)
-        self.st.power_cycle()
+        self.st.power_cycle(memory_lost=battery_low)
+        if battery_low:
+            self.report_loss()
+        else:
+            self.soft.restore_retained(retained)
         self.give_constants()
 
     def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:

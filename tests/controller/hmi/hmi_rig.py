@@ -10,6 +10,7 @@ from itertools import count
 from types import TracebackType
 from typing import Any, Self
 
+from controller.common.connections import ConnectionServer
 from controller.events.alarm_list import AlarmList
 from controller.events.production import ProductionLog
 from controller.hmi.access.server import FurtherEndpoints, HmiServer
@@ -24,6 +25,8 @@ from tests.controller.common.modbus_rig import Client, read_pdu
 SERVER_BUSY = 6
 READ_D0 = read_pdu(3, 0, 1)
 MAX_REQUESTS = 5_000
+IDLE_S = 30.0
+"""Idle timeout of a server whose connections a test ages: not that of a server by default."""
 
 
 def read_words(client: Client, kind: str, number: int, words: int = 1) -> tuple[int, ...]:
@@ -60,6 +63,17 @@ def until(condition: Callable[[], bool], bystander: Client) -> None:
         if done:
             return
         assert requests < MAX_REQUESTS, "condition not met"
+
+
+def let_pass(server: ConnectionServer, seconds: float) -> None:
+    """Age the connections of a server by a number of seconds, and run their timeout checks, before its next request."""
+
+    def age() -> None:
+        for connection in tuple(server.connections):
+            connection._last_request_s -= seconds
+            connection._check_idle()
+
+    next(iter(server.connections))._loop.call_soon_threadsafe(age)
 
 
 def scan_for_writes(rig: HmiRig) -> None:

@@ -24,6 +24,7 @@ from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
+from tests.retained import retained
 
 LIMIT_S = 60.0
 FASTEST, REAL_TIME, PAUSED = 65_535, 100, 0
@@ -59,8 +60,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
                     "run",
                     "--port",
                     str(port),
-                    "--retain",
-                    str(folder / "retentive.json"),
+                    *retained(folder / "retentive.json"),
                     "--events",
                     "json",
                     "--no-console",

@@ -9,7 +9,6 @@ import ssl
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import count
 from pathlib import Path
 
 import pytest
@@ -28,7 +27,7 @@ from tests.controller.common.modbus_rig import (
     frame,
     read_pdu,
 )
-from tests.controller.hmi.hmi_rig import READ_D0, HmiRig, until, write_words, written
+from tests.controller.hmi.hmi_rig import IDLE_S, READ_D0, HmiRig, let_pass, until, write_words, written
 from tests.sampling import one_in
 
 FIRST_COMMAND = 400
@@ -266,17 +265,18 @@ def test_the_panel_gets_a_reserved_place_when_sixteen_clients_work() -> None:
 
 def test_idle_client_is_closed_and_active_client_is_not() -> None:
     """An incomplete request does not reset the idle timeout."""
-    with HmiRig(options=HmiOptions(port=0, idle_timeout_s=0.3)) as rig:
+    with HmiRig(options=HmiOptions(port=0, idle_timeout_s=IDLE_S)) as rig:
         idle, dribbling, busy = rig.client(), rig.client(), rig.client()
-        rest = iter(frame(bytes(253))[:-1])
-        for asked in count():
-            if rig.server.traffic.timed_out == 2:
-                break
-            if asked % 100 == 0:
-                with suppress(ConnectionError):
-                    dribbling.send(bytes([next(rest)]))
+        until(lambda: rig.connections == 3, busy)
+        assert rig.server.modbus is not None
+        for piece, seconds in ((slice(0, 5), IDLE_S - 1), (slice(5, 9), 2.0)):
+            dribbling.send(frame(READ_D0)[piece])
             assert busy.ask(READ_D0)[0] == 3
+            assert rig.server.traffic.timed_out == 0
+            let_pass(rig.server.modbus._frontend, seconds)
         assert idle.rest_after_rubbish() == dribbling.rest_after_rubbish() == b""
+        assert busy.ask(READ_D0)[0] == 3
+        assert rig.server.traffic.timed_out == 2
 
 
 def test_server_stop_closes_every_client() -> None:

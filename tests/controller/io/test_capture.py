@@ -19,6 +19,7 @@ from controller.program.states import State
 from plant_sim.cli.main import main as plant_main
 from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
+from tests.retained import retained
 
 LIMIT_S = 60.0
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
@@ -39,7 +40,7 @@ def started(name: str, *arguments: str) -> tuple[Process, str]:
 
 def homed(field_port: int, plant_port: int, folder: Path, *options: str, state: State = State.IDLE) -> None:
     """Run a controller in simulated time until it has homed."""
-    retain = ["--retain", str(folder / "retentive.json"), "--events", "json", "--no-hmi", "--no-console"]
+    retain = [*retained(folder / "retentive.json"), "--events", "json", "--no-hmi", "--no-console"]
     controller, line = started(
         "controller", "controller", "run", "--port", str(field_port), *retain, *PATIENT, *options
     )

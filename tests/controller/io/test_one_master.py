@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
@@ -225,15 +224,14 @@ class ForeignModule:
     def __init__(self, registers: dict[int, int] | None = None) -> None:
         self.coils = ModbusSequentialDataBlock(1, [0] * 64)  # type: ignore[no-untyped-call]
         self._registers = ModbusSequentialDataBlock(1, [(registers or {}).get(n, 0) for n in range(0x1200)])  # type: ignore[no-untyped-call]
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port = free.getsockname()[1]
-        self._ready: Future[None] = Future()
+        self.port = 0
+        self._ready: Future[int] = Future()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()))
 
     @contextmanager
     def running(self) -> Iterator[ForeignModule]:
         self._thread.start()
-        self._ready.result(timeout=30)
+        self.port = self._ready.result(timeout=30)
         try:
             yield self
         finally:
@@ -245,9 +243,10 @@ class ForeignModule:
         inputs = ModbusSequentialDataBlock(1, [*AT_REST, *[False] * 42])  # type: ignore[no-untyped-call]
         device = ModbusDeviceContext(di=inputs, co=self.coils, hr=self._registers, ir=self._registers)
         context = ModbusServerContext(devices=device, single=True)
-        server = ModbusTcpServer(context, address=("127.0.0.1", self.port))
+        server = ModbusTcpServer(context, address=("127.0.0.1", 0))
         await server.serve_forever(background=True)
-        self._ready.set_result(None)
+        assert isinstance(server.transport, asyncio.Server)
+        self._ready.set_result(server.transport.sockets[0].getsockname()[1])
         await self._end.wait()
         await server.shutdown()  # type: ignore[no-untyped-call]
 

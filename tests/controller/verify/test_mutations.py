@@ -267,6 +267,18 @@ MUTATIONS: dict[str, tuple[Change, str]] = {
         driven(Mov, ARM.rows[1], TAGS.commands.count_reset, TAGS.commands.row_empty["left"][1], "tray conditions"),
         "left: a row changed without its reason",
     ),
+    "a machine with valid memory is declared new": (
+        dropped(Rst, TAGS.commands.new_machine),
+        "declared new with memory",
+    ),
+    "a machine that moves is declared new": (
+        driven(Rst, TAGS.commands.new_machine, FALSE, CONTROL.motion),
+        "declared new in motion",
+    ),
+    "a new machine picks from the tray that was in it": (
+        driven(Mov, ARM.rows[1], FALSE, TAGS.commands.new_machine, "tray conditions"),
+        "declared new, and a tray in use",
+    ),
     "the lift always counts as down": (driven(Out, ARM.down, TRUE, ARM.sensed_down), "left: inward, not down"),
 }
 """Rung mutations, each with a goal that it violates."""
@@ -281,6 +293,9 @@ SELECTED_MUTATIONS = (
     "a row is released without a cup edge",
     "a row that is put back is counted",
     "another order states that a row is empty",
+    "a machine with valid memory is declared new",
+    "a machine that moves is declared new",
+    "a new machine picks from the tray that was in it",
 )
 UNDETECTED: dict[str, Change] = {
     "the jog lease does not run": dropped(OnDelay, CONTROL.t_jog_lease),

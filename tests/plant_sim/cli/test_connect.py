@@ -109,7 +109,7 @@ def test_serve_on_a_serial_line() -> None:
         (("connect", "fx3u", "--serial", "/dev/x:fast"), "serial line '/dev/x:fast': must be DEVICE:BAUD:FRAME:UNIT"),
         (("connect", "fx3u", "--host", "h", "--port", "0"), "--port 0: must be 1 to 65535"),
         (("connect", "fx3u", "--host", "h", "--period-ms", "0"), "--period-ms 0: must be 1 to 10000"),
-        (("connect", "fx3u", "--host", "h", "--gap-limit-ms", "0"), "gap limit 0 ms: must be 1 ms or more"),
+        (("connect", "fx3u", "--host", "h", "--gap-limit-ms", "0"), "--gap-limit-ms 0: must be 1 to 600000"),
         (("connect", "fx3u", "--host", "h", "--lock-step-ms", "101"), "lock_step_ms is 101"),
         (("serve", "--serial", "/dev/no-such-line"), "serial line /dev/no-such-line: "),
         (("serve", "--wire-time"), "--wire-time: requires --serial"),

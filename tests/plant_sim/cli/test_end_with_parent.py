@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import subprocess
 import sys
@@ -53,12 +54,17 @@ def test_plant_controller_and_panel_of_a_killed_run_end_with_safe_outputs() -> N
     ports = free_ports(3)
     names = ("--port", "--hmi-port", "--panel-port")
     options = [word for name, port in zip(names, ports, strict=True) for word in (name, str(port))]
-    with started("-m", "plant_sim", "run", *options) as run:
+    with ExitStack() as stack:
+        run = stack.enter_context(started("-m", "plant_sim", "run", *options))
         until(run, "Resetting")
-        plant, controller, _ = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text(encoding="ascii").split()
+        children = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text(encoding="ascii").split()
+        ends = [stack.enter_context(os.fdopen(os.pidfd_open(int(child)))) for child in children]
+        plant, controller, _ = children
         assert lifeline_of(plant) in {os.readlink(link) for link in Path(f"/proc/{controller}/fd").iterdir()}
         run.kill()
         rest, _ = run.communicate(timeout=WAIT_S)
+        for end in ends:  # a process may close its port after its output
+            assert select.select([end], [], [], WAIT_S)[0]
     assert "stopped, outputs set to their safe levels" in rest
     for port in ports:
         socket.create_server(("127.0.0.1", port)).close()

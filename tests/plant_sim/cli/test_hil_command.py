@@ -46,7 +46,7 @@ def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
         assert port.isdigit(), bench.communicate()
         controller = _start(
             *("controller", "run", "--port", port, "--simulated-time", "--pace", "65535", "--no-hmi", "--no-history"),
-            *("--retain", "retentive.json", "--timeout-ms", "5000", "--link-limit-ms", "10000"),
+            *("--retain", "retentive.json", "--new-machine", "--timeout-ms", "5000", "--link-limit-ms", "10000"),
             folder=tmp_path,
         )
         printed, errors = bench.communicate(timeout=LIMIT_S)
@@ -120,7 +120,7 @@ def test_a_controller_that_never_comes_ends_the_run_in_lock_step(
         (["serve", "--out", "{folder}", "--stop-ms", "-1"], "--stop-ms -1: must be 0 to 10000"),
         (["serve", "--out", "{folder}", "--cases", "nothing"], "invalid choice"),
         (["serve", "--out", "{folder}", "--random-operator", "10"], "only in lock step"),
-        (["program", "--out", "{folder}", "--wait-s", "0"], "--wait-s 1 to 10000"),
+        (["program", "--out", "{folder}", "--wait-s", "0"], "--wait-s 0: must be 1 to 10000"),
         (["program", "--out", "{folder}", "--short", "--cases", "press"], "omit it, or --cases"),
         (["connect", "fx5u", "--out", "{folder}"], "--host"),
         (

@@ -20,6 +20,9 @@ from tests.paths import ROOT
 from tests.real_time import host_delay
 
 LIMIT_S = 1_800
+LINK_LIMIT_MS = 10_000
+WATCHDOG_MS = 2 * LINK_LIMIT_MS
+"""Time of the output watchdog of the plant, as in the field file: longer than the limit of the link, as it must be."""
 ONE_STOP = ("--cases", "emergency stop", "--only", "left: lift_retract, loaded")
 
 pytestmark = [pytest.mark.nightly, pytest.mark.timeout(LIMIT_S + 60)]
@@ -54,14 +57,16 @@ def test_the_controller_over_a_serial_line(tmp_path: Path) -> None:
         wires = "".join(f"      {point.tag}: {point.offset}\n" for point in (*io_map.inputs, *io_map.outputs))
         (tmp_path / "field.yaml").write_text(
             f"lines:\n  - {{name: bus, device: {cable.ends[1]}, baud: 115200, frame: 8N1}}\n"
-            f"devices:\n  - name: plant\n    profile: coils\n    line: bus\n    timeout_ms: 5000\n    wires:\n{wires}",
+            f"devices:\n  - name: plant\n    profile: coils\n    line: bus\n    timeout_ms: 5000\n"
+            f"    watchdog_ms: {WATCHDOG_MS}\n    wires:\n{wires}",
             "utf-8",
         )
         serial = ("--serial", f"{cable.ends[0]}:115200:8N1:1")
         bench = stack.enter_context(
             running(
                 tmp_path,
-                *("plant_sim", "hil", "serve", "--port", "0", *serial, "--lock-step-ms", "10", "--out", "reports"),
+                *("plant_sim", "hil", "serve", "--port", "0", *serial, "--lock-step-ms", "10"),
+                *("--watchdog-ms", str(WATCHDOG_MS), "--out", "reports"),
                 *ONE_STOP,
             )
         )
@@ -71,7 +76,8 @@ def test_the_controller_over_a_serial_line(tmp_path: Path) -> None:
             running(
                 tmp_path,
                 *("controller", "run", "--field", "field.yaml", "--simulated-time", "--pace", "65535", "--no-hmi"),
-                *("--no-history", "--retain", "retentive.json", "--link-limit-ms", "10000"),
+                *("--no-history", "--retain", "retentive.json", "--new-machine"),
+                *("--link-limit-ms", str(LINK_LIMIT_MS)),
             )
         )
         printed, _ = bench.communicate(timeout=LIMIT_S)

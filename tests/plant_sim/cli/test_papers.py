@@ -20,11 +20,13 @@ from controller.common.errors import InputError
 from plant_sim.cli.docs import papers_page
 from plant_sim.cli.main import COMMAND_LINE as PLANT
 from plant_sim.cli.main import main as plant_main
+from plant_sim.common.defaults import DEFAULT_PLANTER
 from plant_sim.common.paper_items import ITEM_STATES, PaperItem, PaperName, paper_items, read_paper_items
 from plant_sim.common.paper_sheet import equation
 from plant_sim.planter.contact import drop
-from plant_sim.planter.motion import Motion, MotionModel
-from plant_sim.planter.parameters import DEFAULT_PLANTER, load_planter
+from plant_sim.planter.motion import Motion
+from plant_sim.planter.motion_model import MotionModel
+from plant_sim.planter.parameters import load_planter
 from plant_sim.planter.verdict import FallVerdict, verdict_of
 from plant_sim.study.paper_tables import cabbage_settings
 from tests.paths import DOCS, ROOT

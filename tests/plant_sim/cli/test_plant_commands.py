@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from plant_sim.cli.main import main
-from plant_sim.machine.parameters import DEFAULT_MACHINE
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.scope.store import Recording
 
 MACHINE_TEXT = DEFAULT_MACHINE.read_text(encoding="utf-8")
@@ -34,7 +34,10 @@ def _signal() -> Iterator[None]:
             "leak:supply: '5mm': mm is a unit of another quantity; use m3/(s Pa)",
         ),
         (["trial", "--record", ""], "'.': not a file name"),
-        (["trial", "--record", "/no/such/folder/run.parquet"], "/no/such/folder/run.parquet: cannot be written"),
+        (
+            ["trial", "--record", "/no/such/folder/run.parquet"],
+            "/no/such/folder/run.parquet: folder /no/such/folder does not exist; create it",
+        ),
         (["trial", "--seed", "-1"], "--seed -1: must be 0 or more"),
         (["serve", "--planting-frequency", "nan"], "--planting-frequency nan: must be 0 to 300"),
         (["scenario", "no-such-story"], "no-such-story: unknown scenario; use one of"),

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from plant_sim.cli.main import main
+from plant_sim.common.defaults import DEFAULT_PLANTER
 from plant_sim.planter import falls
-from plant_sim.planter.parameters import DEFAULT_PLANTER
 from tests.paths import DOCS
 from tests.sampling import first_of, one_in
 
@@ -135,11 +135,11 @@ def test_the_tables_of_the_guide_are_those_of_the_command(capsys: pytest.Capture
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["--speed", "0"], "--speed 0: must be above 0, up to 36 km/h"),
-        (["--speed", "nan"], "--speed nan: must be above 0, up to 36 km/h"),
-        (["--frequency", "-1"], "--frequency -1: must be above 0, up to 1000 per minute"),
-        (["--frequency", "1e4"], "--frequency 10000: must be above 0, up to 1000 per minute"),
-        (["--release", "181"], "--release 181: must be 0 to 180 degrees, on the bottom arc"),
+        (["--speed", "0"], "--speed 0: must be 0.001 to 36"),
+        (["--speed", "nan"], "--speed nan: must be 0.001 to 36"),
+        (["--frequency", "-1"], "--frequency -1: must be 0.001 to 1000"),
+        (["--frequency", "1e4"], "--frequency 1e4: must be 0.001 to 1000"),
+        (["--release", "181"], "--release 181: must be 0 to 180"),
         (["--figure", "7"], "--figure 7: has no effect without a file; add --plot FILE"),
         (
             ["--figure", "7", "--plot", "a.png", "--speed", "2"],

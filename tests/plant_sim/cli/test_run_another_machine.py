@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.machine.parameters import DEFAULT_MACHINE
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from tests.real_time import COMMAND_S
 
 

@@ -28,6 +28,7 @@ import pytest
 from controller.common.stop_request import REPEAT_S, SIGNALS, StopRequest, discard_signals, interrupts_blocked
 from tests.controller.common.modbus_rig import Client, Rig, read_pdu
 from tests.real_time import WAIT_S
+from tests.retained import retained
 from tests.sampling import first_of, one_in
 
 ALL_OFF_NOW = b"\x01\x03\x00\x00\x00"
@@ -132,7 +133,7 @@ def move_an_arm(printed: int, order: Callable[[bytes], object], reader: Client) 
 
 def run_command(port: int, folder: Path) -> tuple[str, ...]:
     options = ("--timeout-ms", "5000", "--link-limit-ms", "10000", "--hmi-port", "0")
-    return ("controller", "run", "--port", str(port), "--retain", str(folder / "retentive.json"), *options)
+    return ("controller", "run", "--port", str(port), *retained(folder / "retentive.json"), *options)
 
 
 def controller(stdin: str, port: int, folder: Path) -> Service:

@@ -13,10 +13,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from controller.common.extras import install_command
 from plant_sim.cli.main import main
 from plant_sim.cli.study import command as cli
 from plant_sim.cli.study import progress as study_progress
-from plant_sim.machine.parameters import DEFAULT_MACHINE
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.study import fleet
 from plant_sim.study.pepper import calibration_study
 from plant_sim.study.pepper import response_surface as pepper_rsm
@@ -114,7 +115,7 @@ def test_json_is_one_object_and_equal_seeds_give_equal_studies(
         (("throughput", "--trials", "0"), "--trials 0: must be 1 or more"),
         (("throughput", "--workers", "0"), "--workers 0: must be 1 or more"),
         (("pepper-single", "--seed", "-1"), "--seed -1: must be 0 or more"),
-        (("pepper-single", "--seedlings", "0"), "--seedlings 0: must be 1 or more"),
+        (("pepper-single", "--seedlings", "0"), "--seedlings 0: must be 1 to 72000"),
         (("pepper-single", "--seedlings", "72001"), "--seedlings 72001: must be 1 to 72000"),
         (("own", "FILE", "--seedlings", "72001"), "--seedlings 72001: must be 1 to 72000"),
         (("throughput", "--seedlings", "72001"), "--seedlings 72001: must be 1 to 72000"),
@@ -328,12 +329,10 @@ def test_a_missing_extra_is_reported_with_the_install_command(
     def missing(_: argparse.Namespace) -> None:
         raise ModuleNotFoundError("No module named 'joblib'", name="joblib")
 
-    entry = cli._StudyEntry("", missing, ("file",))  # type: ignore[arg-type]
+    entry = cli._StudyEntry(missing, ("file",))  # type: ignore[arg-type]
     monkeypatch.setattr(cli, "_STUDIES", {"own": entry})
     assert study("own", str(own)) == 2
-    assert (
-        capsys.readouterr().err == "study: joblib is not installed; run: pip install 'seedling-transplanter[studies]'\n"
-    )
+    assert capsys.readouterr().err == f"study: joblib is not installed; run: {install_command('studies')}\n"
 
 
 def test_the_command_line_does_not_import_what_only_a_study_needs() -> None:

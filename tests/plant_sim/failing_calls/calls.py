@@ -77,11 +77,14 @@ class Fault:
         kind: Kind of the call.
         name: Name of `errno`, or `PARTIAL`.
         place: Place of the call; the first one at or after it fails.
+        number: Number of the call among all of its kind, which fails also before its place; None = only the place
+            counts. A thread may call in another scan than without the fault, but hardly more or less often.
     """
 
     kind: Kind
     name: str
     place: Place
+    number: int | None = None
 
     def error(self) -> Exception:
         """Return the exception of the call."""
@@ -125,7 +128,9 @@ class Calls:
             number = places[-1][1] + 1 if places and places[-1][0] == self.at else 0
             places.append((self.at, number))
             fault = self.fault
-            if fault is None or self.has_struck or fault.kind != kind or places[-1] < fault.place:
+            if fault is None or self.has_struck or fault.kind != kind:
+                return None
+            if places[-1] < fault.place and len(places) - 1 != fault.number:
                 return None
             self.has_struck = True
             return fault

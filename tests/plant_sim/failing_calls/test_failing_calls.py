@@ -16,7 +16,7 @@ from typing import Final
 import pytest
 
 from controller.program.states import State
-from tests.plant_sim.failing_calls.calls import Fault, Kind, Place
+from tests.plant_sim.failing_calls.calls import Calls, Fault, Kind, Place
 from tests.plant_sim.failing_calls.judge import findings
 from tests.plant_sim.failing_calls.whole_run import Outcome, WholeRun
 
@@ -58,19 +58,21 @@ def reference(*, threaded: bool = False) -> Outcome:
 def table() -> list[Fault]:
     """Return all faults, in random order with a fixed seed: first, middle and last call of each kind."""
     faults = [
-        Fault(kind, name, place)
+        Fault(kind, name, place, number)
         for kind, places in sorted(reference().calls.places.items())
-        for place in sorted({places[0], places[len(places) // 2], _last(kind, places)})
+        for place, number in sorted({_call(kind, places, number) for number in (0, len(places) // 2, len(places) - 1)})
         for name in kind.faults()
     ]
     random.Random(SEED).shuffle(faults)
     return faults
 
 
-def _last(kind: Kind, places: list[Place]) -> Place:
-    """Return the last place; while connections are being closed, the number of calls depends on the threads."""
-    end = (reference().ends[-1], 0)
-    return min(places[-1], end) if kind.is_network else places[-1]
+def _call(kind: Kind, places: list[Place], number: int) -> tuple[Place, int | None]:
+    """Return place and number of a call that every run reaches.
+
+    While connections are being closed, the number of calls depends on the threads.
+    """
+    return (min(places[number], (reference().ends[-1], 0)), None) if kind.is_network else (places[number], number)
 
 
 def violations(faults: list[Fault], *, threaded: bool = False) -> list[str]:
@@ -98,6 +100,12 @@ def test_the_run_reaches_all_calls_and_ends_at_work() -> None:
     assert outcome.events_submitted == len(outcome.told.events) > 5
     assert outcome.periods == outcome.periods_stored
     assert outcome.periods.total() > 10
+
+
+def test_a_call_fails_by_its_number_although_its_thread_makes_it_in_an_earlier_scan(tmp_path: Path) -> None:
+    kind = Kind("history", "INSERT INTO events", is_sql=True)
+    calls = Calls(tmp_path, Fault(kind, "EIO", (9, 0), 1))
+    assert [calls.fails(kind) for _ in range(3)] == [None, calls.fault, None]
 
 
 def test_a_drawn_call_fails() -> None:

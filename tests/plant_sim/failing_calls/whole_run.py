@@ -46,6 +46,7 @@ from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import constants_file, default_io_map
 from tests.plant_sim.failing_calls.calls import Calls, Fault, WatchedFile
 from tests.plant_sim.failing_calls.panel import PATIENT_S, Panel, PanelTrends, periods_of, shorten_periods
+from tests.retained import retained
 
 SCAN_MS: Final = 20
 SECOND: Final = 1_000 // SCAN_MS
@@ -173,12 +174,12 @@ class WholeRun:
             self._plant, port = server, server.server.port
             calls.ports.update({hmi_port: "panel", port: "telemetry"})
             self._panel = stack.enter_context(Panel(hmi_port, port, outcome.told.clients))
-            options = f"--port {port} --retain {self.folder}/retentive.json --events json --no-console --simulated-time"
+            options = f"--port {port} --events json --no-console --simulated-time"
             options += (
                 f" --pace 65535 --timeout-ms 1000 --hmi-port {hmi_port} --constants {constants} --scan-ms {SCAN_MS}"
             )
             for scans in (FIRST_RUN, SCANS):
-                self._control(options.split(), scans)
+                self._control([*options.split(), *retained(self.folder / "retentive.json")], scans)
             outcome.outputs_on = server.call(self._outputs_on)
         sys.setswitchinterval(interval)
         outcome.told.lines += [line for line in lines.getvalue().splitlines() if line]

@@ -7,7 +7,7 @@ from typing import Final
 
 from controller.common.modbus.io_map import IoMap
 from plant_sim.hil.machine_view import INDICATORS
-from tests.plant_sim.hil.grammar import BUTTONS, WHENS
+from tests.plant_sim.hil.grammar import BUTTONS, WHENS, Damage, parse
 
 AMOUNTS: Final = {
     "delay": (50, 200, 1_000, 5_000, 30_000),
@@ -20,9 +20,29 @@ OFFSETS_MS: Final = (0, 500, 5_000, 30_000, 50_000)
 DURATIONS_MS: Final = (50, 200, 1_000, 5_000, 30_000, None)
 
 
+BRIEF_MS: Final = 200
+"""Duration up to which a signal is rarely active while a damage that only interrupts it acts, ms."""
+LIKELY_FROM: Final = 2_000
+"""First seed of which damages that would rarely act are drawn again: four of the first ten from 1000 never acted."""
+
+
 def draw(seed: int, io_map: IoMap) -> str:
     """Return the text of the damage of a seed: a button, an input or an output with equal chances."""
     chance = random.Random(seed)
+    text = _drawn(chance, io_map)
+    while seed >= LIKELY_FROM and _rarely_acts(parse(text, io_map)):
+        text = _drawn(chance, io_map)
+    return text
+
+
+def _rarely_acts(damage: Damage) -> bool:
+    """Return True for a damage that interrupts a signal briefly, or after power-up, when most signals are inactive."""
+    if damage.for_ms is None or damage.change in ("on", "swap"):
+        return False
+    return damage.for_ms <= BRIEF_MS or damage.when == "power-up"
+
+
+def _drawn(chance: random.Random, io_map: IoMap) -> str:
     inputs = [point.tag for point in io_map.inputs]
     outputs = [point.tag for point in io_map.outputs if point.tag not in INDICATORS]
     kind = chance.choice((BUTTONS, [tag for tag in inputs if tag not in BUTTONS], outputs))

@@ -11,9 +11,12 @@ from controller.common.modbus.io_map import IoMap
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.hil.bench import Bench, ControllerSupply
 from plant_sim.hil.bench_module import BenchModule
-from plant_sim.hil.bench_run import GROUPS, BenchRun, CaseResult, CaseVerdict
-from plant_sim.hil.own_trial import drive, measure
+from plant_sim.hil.bench_run import BenchRun, CaseResult, CaseVerdict
+from plant_sim.hil.own_program import drive
+from plant_sim.hil.own_trial import measure
+from plant_sim.hil.random_operator import SECONDS_PER_TRAY
 from plant_sim.hil.reference import TrialQuantities
+from plant_sim.hil.selection import GROUPS
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.machine.plant import Plant
@@ -23,7 +26,7 @@ from tests.plant_sim.hil.grammar import Shim, ShimmedLink, parse
 TRAYS = 60
 """Trays in the magazine, enough for all cases."""
 LIMIT_MS = 14_400_000
-"""Time limit of a run, ms; all groups take about 12,000 s."""
+"""Time limit of a run, ms; all groups take about 7,100 s."""
 
 Damage = Callable[[Bench, set[str]], set[str] | None]
 """Function that receives the actuators and lamps that the program switches on, and returns those that are switched;
@@ -108,13 +111,14 @@ def judge_shimmed(
     set_points: Mapping[str, int] | None = None,
     slide_share: float = 1.0,
     seed: int = 1,
-) -> tuple[list[CaseResult], Bench]:
+    random_s: int = 0,
+) -> tuple[list[CaseResult], Bench, list[Shim]]:
     """Run the bench on the program behind damages of the grammar; end at the first failure if only a verdict counts."""
     io_map, machine = io_map or default_map(), throttled(slide_share)
-    module = BenchModule(Plant(io_map, machine, seed=seed, trays=TRAYS), io_map)
+    module = BenchModule(Plant(io_map, machine, seed=seed, trays=TRAYS + random_s // SECONDS_PER_TRAY), io_map)
     bench = Bench(module, machine)
-    link = ShimmedLink(module, [Shim(parse(text, io_map)) for text in damages])
-    run = BenchRun(bench, groups=groups, only=only, reference=own_trial(slide_share, seed))
+    shims = [Shim(parse(text, io_map)) for text in damages]
+    run = BenchRun(bench, groups=groups, only=only, reference=own_trial(slide_share, seed), random_s=random_s)
     ended: list[int] = []
     bench.play(run.procedure(), ended=lambda: ended.append(bench.now_ms))
 
@@ -124,8 +128,8 @@ def judge_shimmed(
         return bool(ended) or bool(failed)
 
     bench.supply = ControllerSupply()
-    drive(link, bench.supply, until=is_over, set_points=set_points or {}, periods_ms=periods_ms)
-    return run.results, bench
+    drive(ShimmedLink(module, shims), bench.supply, until=is_over, set_points=set_points or {}, periods_ms=periods_ms)
+    return run.results, bench, shims
 
 
 def failures(results: Iterable[CaseResult]) -> dict[str, list[str]]:

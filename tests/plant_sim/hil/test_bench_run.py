@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 
+from plant_sim.hil import bench_run
 from plant_sim.hil.bench import Bench
-from plant_sim.hil.bench_run import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict
-from plant_sim.hil.cases import EDGE
-from plant_sim.hil.press_cases import FIRST_CYCLE_MS, HOMING_MS
+from plant_sim.hil.bench_run import CaseResult, CaseVerdict
+from plant_sim.hil.cases import Case
+from plant_sim.hil.press_cases import FIRST_CYCLE_MS, HOMING_MS, rest_after_fault
+from plant_sim.hil.procedure import Procedure
+from plant_sim.hil.selection import EDGE, FIRST_GROUPS, GROUPS, REST
 from tests.plant_sim.hil.hil_rig import Damage, failures, judge, own_trial
 from tests.sampling import first_of
 from tests.wiring import unwired
@@ -72,6 +77,20 @@ def test_a_fault_stops_the_machine_and_is_recovered() -> None:
     (fault,) = _by_group(results, "fault")
     assert fault.verdict is CaseVerdict.PASSED
     assert 0 < fault.figures["at rest since"].value < 10
+
+
+@pytest.mark.nightly
+def test_a_jam_that_is_freed_harms_nothing_whenever_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    def jam_after(for_ms: int, bench: Bench) -> Procedure:
+        yield from bench.pause(for_ms)
+        yield from rest_after_fault(bench)
+
+    times_ms = range(0, 9_000, 1_300)
+    cases = [Case(REST, f"{ms} ms", partial(jam_after, ms), starts=True) for ms in times_ms]
+    monkeypatch.setattr(bench_run, "rest_cases", lambda: cases)
+    results, _ = judge([REST])
+    assert not failures(results)
+    assert len(_by_group(results, REST)) == len(times_ms)
 
 
 @pytest.mark.nightly

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
-from plant_sim.hil.bench_run import FIRST_GROUPS
-from plant_sim.hil.press_cases import PRESS
+from plant_sim.hil.selection import FIRST_GROUPS, PRESS
 from plant_sim.twin.lock_step import SCAN_MS
 from tests.plant_sim.hil.exported import Scan, fx_engine, judge_export, package
 from tests.plant_sim.hil.hil_rig import default_map, failures, judge_shimmed
@@ -57,7 +56,7 @@ GOOD = {
 @pytest.mark.parametrize("name", GOOD)
 def test_a_good_variant_passes(name: str) -> None:
     good = GOOD[name]
-    results, _ = judge_shimmed(
+    results, *_ = judge_shimmed(
         good.damages,
         good.groups,
         periods_ms=good.periods_ms,
@@ -70,23 +69,23 @@ def test_a_good_variant_passes(name: str) -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(2, 12))
 def test_another_seed_passes_the_first_cases(seed: int) -> None:
-    results, _ = judge_shimmed([], FIRST_GROUPS, seed=seed)
+    results, *_ = judge_shimmed([], FIRST_GROUPS, seed=seed)
     assert not failures(results)
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("export", [fx_engine, lambda: package("openplc")])
+@pytest.mark.parametrize("export", [fx_engine, lambda: package("openplc"), lambda: package("codesys")])
 def test_an_export_passes(export: Callable[[], Scan]) -> None:
-    assert not failures(judge_export(export(), FIRST_GROUPS))
+    assert not failures(judge_export(export(), GROUPS))
 
 
 @pytest.mark.nightly
 def test_a_machine_with_a_start_warning_passes() -> None:
-    results, _ = judge_shimmed([], GROUPS, io_map=wired("horn"))
+    results, *_ = judge_shimmed([], GROUPS, io_map=wired("horn"))
     assert not failures(results)
 
 
 def test_scans_of_8_to_12_ms_pass_the_first_cases() -> None:
-    results, _ = judge_shimmed([], FIRST_GROUPS, periods_ms=_jitter(8, 4))
+    results, *_ = judge_shimmed([], FIRST_GROUPS, periods_ms=_jitter(8, 4))
     assert [each.group for each in results] == list(FIRST_GROUPS)
     assert not failures(results)

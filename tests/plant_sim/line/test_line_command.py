@@ -174,6 +174,7 @@ def test_the_command_prints_one_json_object_and_writes_the_files(
         (["pepper", "--profile", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["pepper", "--machine", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["pepper", "--out", "nowhere/out"], "nowhere/out: cannot be created"),
+        (["nowhere.yaml", "--out", "out"], "nowhere.yaml: "),
     ],
 )
 def test_bad_input_is_one_line(

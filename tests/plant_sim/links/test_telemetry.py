@@ -49,7 +49,7 @@ def test_the_telemetry_table_has_no_gaps_and_no_overlaps() -> None:
     for point in TELEMETRY:
         assert point.offset == offset, point.name
         offset += point.words
-    assert offset == TELEMETRY_REGISTERS == 63
+    assert offset == TELEMETRY_REGISTERS == 64
     assert len({point.name for point in TELEMETRY}) == len(TELEMETRY)
 
 
@@ -71,6 +71,7 @@ def test_telemetry_of_a_machine_in_its_initial_state(client: Client) -> None:
         "D": 0,
         "T": 0,
         "total": 144,
+        "ploughed": 0,
         "time_ms": 0,
         "watchdog_state": 0,
         "y_image": 0,
@@ -95,6 +96,8 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
             standing = [seedling for seedling in plant.seedlings if seedling.location == Location.STANDING]
             for seedling in standing[:count]:
                 plant.seedlings.move(seedling, Location(place))
+        for seedling in [seedling for seedling in plant.seedlings if seedling.location == Location.STANDING][:14]:
+            plant.seedlings.plough(seedling)
         plant.left.row.missed_cups, plant.right.row.missed_cups = 7, 8
         plant.left.row.recent.extend(PassedCup(cup, seedlings, cause) for cup, (seedlings, cause) in enumerate(CUPS))
         plant.right.row.recent.extend(PassedCup(cup, 1) for cup in range(100))
@@ -144,6 +147,7 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         "D": 5,
         "T": 6,
         "total": 144,
+        "ploughed": 14,
         "time_ms": 70_000,
         "last_write_ms": 70_000,
         "tripped_at_ms": 69_000,
@@ -189,7 +193,7 @@ def test_an_absent_value_is_all_bits_and_an_overflow_is_clipped(rig: Rig, client
 
 @pytest.mark.parametrize("count", [0, TELEMETRY_REGISTERS - 1, TELEMETRY_REGISTERS + 1])
 def test_decoding_requires_all_registers(count: int) -> None:
-    with pytest.raises(ValueError, match=f"63 registers, not {count}"):
+    with pytest.raises(ValueError, match=f"64 registers, not {count}"):
         read_telemetry([0] * count)
 
 

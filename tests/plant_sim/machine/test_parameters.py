@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.common.parameter_file import Value
-from plant_sim.machine.parameters import DEFAULT_MACHINE, MachineError, load_machine
+from plant_sim.machine.parameters import MachineError, load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.machine.time_step import steps_per_ms_by_key
 

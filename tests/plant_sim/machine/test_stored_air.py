@@ -10,7 +10,7 @@ import pytest
 from plant_sim.cli.main import main
 from plant_sim.common.parameter_file import Value
 from plant_sim.faults import Fault, FaultError
-from plant_sim.machine.stored_air import leak_down, parse_share, set_air
+from plant_sim.machine.stored_air import leak_down, parse_share, relieve, set_air
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.scenario.file import load_scenario
 from plant_sim.scenario.run import run_scenario
@@ -164,6 +164,20 @@ def test_a_freed_jam_releases_exactly_the_energy_of_the_trapped_air() -> None:
     assert slide.speed_m_s == 0.0
     assert 0.02 < jump_m < 0.12
     assert least_n * jump_m < work_j < most_n * jump_m
+
+
+@pytest.mark.parametrize(("name", "coil"), [("left.slide", "left.slide_outward"), ("left.lift", "left.lift_retract")])
+def test_a_jam_that_is_relieved_does_not_move_when_it_is_freed(name: str, coil: str) -> None:
+    rig = make_rig(x_m=0.2, y_m=0.1)
+    device = rig.left.slide if name == "left.slide" else rig.left.lift
+    rig.plant.faults.add(Fault("jammed", name))
+    rig.run(3_000, coil)
+    rig.run(1_000)
+    before_m = device.position_m
+    relieve(rig.plant, name)
+    rig.plant.faults.clear(f"jammed:{name}")
+    rig.run(2_000)
+    assert device.position_m == pytest.approx(before_m, abs=0.002)
 
 
 # --- throttles and speed regulator --------------------------------------------------------------

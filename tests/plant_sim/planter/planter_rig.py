@@ -7,7 +7,8 @@ import dataclasses
 from hypothesis import strategies as st
 
 from plant_sim.planter.chain import ChainSpec
-from plant_sim.planter.motion import Motion, MotionModel
+from plant_sim.planter.motion import Motion
+from plant_sim.planter.motion_model import MotionModel
 from plant_sim.planter.parameters import load_planter
 
 CHAIN = load_planter().chain

@@ -18,7 +18,7 @@ from plant_sim.planter.drawing import gif
 from plant_sim.planter.drawing.animation import write_animation, write_regimes_animation, write_scheme_animation
 from plant_sim.planter.drawing.paths import motion_figure, regimes_figure, shown_m, window_s
 from plant_sim.planter.drawing.scheme import Scheme
-from plant_sim.planter.motion import MotionModel
+from plant_sim.planter.motion_model import MotionModel
 from plant_sim.planter.ratio import zero_speed_points
 from tests.plant_sim.planter.planter_rig import CHAIN, FREQUENCY_PER_MIN, motion_at
 

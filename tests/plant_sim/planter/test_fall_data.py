@@ -23,7 +23,8 @@ from plant_sim.planter.falls import (
     table_name,
     write_table,
 )
-from plant_sim.planter.motion import Motion, MotionModel
+from plant_sim.planter.motion import Motion
+from plant_sim.planter.motion_model import MotionModel
 from plant_sim.planter.parameters import load_planter, load_ranges
 from plant_sim.planter.scatter import Ground
 from plant_sim.planter.verdict import FallVerdict, verdict_of, verdicts_of

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 
 from plant_sim.common.limits import SpecError
-from plant_sim.planter.motion import Motion, MotionModel, PathSegment
+from plant_sim.planter.motion import Motion, PathSegment
+from plant_sim.planter.motion_model import MotionModel
 from tests.plant_sim.planter.planter_rig import CHAIN, FREQUENCY_PER_MIN, motion_at, motions
 
 CONTINUOUS = (MotionModel.CORRECTED, MotionModel.RIGID)

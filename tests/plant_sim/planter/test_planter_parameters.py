@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from plant_sim.common.defaults import DEFAULT_PLANTER
 from plant_sim.common.parameter_file import Value
-from plant_sim.planter.parameters import DEFAULT_PLANTER, PlanterError, assumed_names, load_planter, load_ranges
+from plant_sim.planter.parameters import PlanterError, assumed_names, load_planter, load_ranges
 
 PLANTER = load_planter()
 TEXT = DEFAULT_PLANTER.read_text(encoding="utf-8")

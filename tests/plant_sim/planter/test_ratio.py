@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant_sim.common.limits import SpecError
-from plant_sim.planter.motion import Motion, MotionModel, PathSegment
+from plant_sim.planter.motion import Motion, PathSegment
+from plant_sim.planter.motion_model import MotionModel
 from plant_sim.planter.ratio import Regime, depth_m, point_ratio, regime_of, zero_speed_points, zero_speed_times_s
 from plant_sim.planter.separation import GRAVITY_M_S2, separation_closed_form_s, separation_time_s
 from tests.plant_sim.planter.planter_rig import CHAIN, motion_at, motion_of_ratio, motions

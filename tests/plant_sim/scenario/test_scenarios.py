@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.cli.options import add_fault_arguments, faults_of
-from plant_sim.cli.scenario import add_arguments, scenario_of
+from plant_sim.cli.options.scenario import add_arguments
+from plant_sim.cli.options.shared import add_fault_arguments
+from plant_sim.cli.scenario import scenario_of
+from plant_sim.cli.settings import faults_of
 from plant_sim.faults import Fault, FaultError
 from plant_sim.scenario.actions import VERBS
 from plant_sim.scenario.checks import GAUGES

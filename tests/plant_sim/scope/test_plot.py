@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from plant_sim.cli.main import main
-from plant_sim.cli.plot import add_arguments
+from plant_sim.cli.options.plot import add_arguments
 from plant_sim.common.figure_style import STYLE
 from plant_sim.faults import parse_fault
 from plant_sim.scope.plot import plot

@@ -15,7 +15,8 @@ from controller.common.errors import InputError
 from controller.iomap.loader import DEFAULT_IO_MAP
 from controller.verify.mutants.sample import Mutant, mutants_of
 from plant_sim.cli.stories import killers
-from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
+from plant_sim.common.defaults import DEFAULT_MACHINE
+from plant_sim.machine.parameters import load_machine
 from plant_sim.stories import work
 from plant_sim.stories.judge import Judge
 from plant_sim.stories.library import stories_of

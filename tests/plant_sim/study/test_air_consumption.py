@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.program.tags import SIDES
-from plant_sim.cli.air import add_arguments
 from plant_sim.cli.air import run as air_command
+from plant_sim.cli.options.air import add_arguments
 from plant_sim.pneumatics.consumption import (
     TABLE_1,
     TABLE_1_PRINTED_L_MIN,

@@ -16,13 +16,13 @@ import psutil
 import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from plant_sim.common.capacity import MOST_SEEDLINGS
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study import fleet
 from plant_sim.study.engines import ProcessEngine, WorkerLostError, spread
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
 from plant_sim.study.runner import (
-    MOST_SEEDLINGS,
     MOST_TRIALS,
     OverallProgress,
     RunOptions,

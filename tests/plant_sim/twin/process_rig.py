@@ -25,6 +25,7 @@ from plant_sim.twin.process import Process
 from tests.controller.common.modbus_rig import IO_MAP, MACHINE
 from tests.controller.io.field.servers import exactly
 from tests.real_time import SIMULATED, WAIT_S
+from tests.retained import retained
 
 _LENGTH_AT: Final = 4
 _WRITE_COILS: Final = 15
@@ -50,10 +51,11 @@ def plant_thread(port: int = 0, *, lock_step_ms: int | None = SCAN_MS) -> Iterat
         yield thread.server.port
 
 
-def run_command(port: int, folder: Path, *options: str) -> list[str]:
+def run_command(port: int, folder: Path, *options: str, declares: bool = True) -> list[str]:
     """Return the command line of a controller in simulated time, with the pace of real time."""
-    retain = str(folder / "retentive.json")
-    return ["controller", "run", "--port", str(port), "--retain", retain, "--no-hmi", *SIMULATED, *options]
+    path = folder / "retentive.json"
+    retain = retained(path) if declares else ["--retain", str(path)]
+    return ["controller", "run", "--port", str(port), *retain, "--no-hmi", *SIMULATED, *options]
 
 
 def controller_process(port: int, folder: Path) -> Process:
@@ -62,10 +64,15 @@ def controller_process(port: int, folder: Path) -> Process:
 
 
 def first_events(
-    port: int, folder: Path, *options: str, count: int = 2, end: signal.Signals = signal.SIGINT
+    port: int,
+    folder: Path,
+    *options: str,
+    count: int = 2,
+    end: signal.Signals = signal.SIGINT,
+    declares: bool = True,
 ) -> tuple[list[dict[str, object]], str]:
     """Start a controller, end it with a signal after its first events, and return its events and its messages."""
-    command = [sys.executable, "-m", *run_command(port, folder, "--events", "json", *options)]
+    command = [sys.executable, "-m", *run_command(port, folder, "--events", "json", *options, declares=declares)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         assert running.stdout is not None
         lines = [running.stdout.readline() for _ in range(count)]

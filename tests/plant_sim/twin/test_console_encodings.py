@@ -18,6 +18,7 @@ from tests.controller.common.test_output_streams import CONSOLES
 from tests.controller.io.field.field_rig import INPUT_TAGS, OUTPUT_TAGS, device, file_of, own_wires, tcp
 from tests.plant_sim.twin.process_rig import plant_thread, run_command
 from tests.real_time import COMMAND_S, SIMULATED, WAIT_S
+from tests.retained import retained
 from tests.sampling import first_of
 
 ISLAND = "阀岛"
@@ -29,12 +30,12 @@ LINK_LOST = 901
 def test_the_loss_of_a_device_with_a_chinese_name_is_told(console: str, tmp_path: Path) -> None:
     """The loss, the state Aborting and the alarm are events of a running controller on every console."""
     extra, encoding = CONSOLES[console]
-    retain = str(tmp_path / "retentive.json")
+    retain = retained(tmp_path / "retentive.json")
     with plant_thread() as port:
         field = file_of(
             tmp_path, device(ISLAND, "coils", tcp(port), own_wires(INPUT_TAGS + OUTPUT_TAGS), "watchdog_ms: 300")
         )
-        command = ["controller", "run", "--field", str(field), "--retain", retain, "--no-hmi", "--events", "json"]
+        command = ["controller", "run", "--field", str(field), *retain, "--no-hmi", "--events", "json"]
         running = subprocess.Popen(
             [sys.executable, "-m", *command, SIMULATED[0]],
             stdout=subprocess.PIPE,

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import argparse
 import signal
+from contextlib import AbstractContextManager
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from controller.common.stop_request import SIGNALS, StopRequest
-from plant_sim.cli.run import add_arguments
+from plant_sim.cli.options.run import add_arguments
 from plant_sim.twin import live
 from plant_sim.twin.live import LiveOptions
 from plant_sim.twin.process import Interrupts
+from plant_sim.twin.progress import ProgressView
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -80,9 +82,50 @@ def test_the_language_is_passed_on_to_the_controller_and_if_given_to_the_panel(
     add_arguments(parser)
     options = parser.parse_args(given)
     run = LiveOptions(1, 1, "127.0.0.1", 5020, options.io_map, options.machine, options.language)
-    assert language(live._control(run, [], tmp_path)) == [controller]
+    assert language(live._control(run, tmp_path)) == [controller]
     assert language(live._panel(run, tmp_path, 8080, 5021)) == panel
 
 
 def language(command: list[str]) -> list[str]:
     return [value for name, value in pairwise(command) if name == "--language"]
+
+
+def test_the_controller_is_given_the_port_that_the_plant_has_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Port 0 lets the plant choose; it is also given the planting frequency."""
+    commands: dict[str, str] = {}
+
+    class Started(AbstractContextManager["Started"]):
+        def __init__(self, name: str, command: list[str], **_: object) -> None:
+            commands[name] = " ".join(command)
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def next_line(self, _: float) -> str:
+            return "plant listening on 127.0.0.1:4711"
+
+    opened: list[tuple[str, int]] = []
+
+    class Connected(AbstractContextManager["Connected"]):
+        def __init__(self, host: str, port: int) -> None:
+            opened.append((host, port))
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def telemetry(self) -> dict[str, float]:
+            return {}
+
+    monkeypatch.setattr(live, "Process", Started)
+    monkeypatch.setattr(live, "Operator", Connected)
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    paths = parser.parse_args([])
+    frequency = 60.0
+    options = LiveOptions(
+        1, 1, "127.0.0.1", 0, paths.io_map, paths.machine, planting_frequency_per_min=frequency, panel_port=None
+    )
+    with live.live_trial(options, ProgressView()):
+        pass
+    assert "--port 0 " in commands["plant"]
+    assert "--planting-frequency 60.0" in commands["plant"]
+    assert "--port 4711 " in commands["controller"]
+    assert opened == [("127.0.0.1", 4711)]

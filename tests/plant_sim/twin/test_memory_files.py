@@ -49,7 +49,7 @@ def test_an_old_copy_of_the_memory_is_set_aside_and_the_operator_is_asked(tmp_pa
 
 @pytest.mark.nightly
 def test_a_lost_memory_file_is_reported(tmp_path: Path) -> None:
-    """Only both files together may be deleted, for a new machine."""
+    """Only both files together may be deleted, for a new machine, and then it must be declared."""
     memory, mark = tmp_path / "retentive.json", tmp_path / "retentive.json.mark"
     with plant_thread() as port:
         first_events(port, tmp_path, count=1)
@@ -57,11 +57,12 @@ def test_a_lost_memory_file_is_reported(tmp_path: Path) -> None:
         events, errors = first_events(port, tmp_path)
         assert f"{memory}: missing, although {mark.name} exists; retentive memory is lost" in errors
         assert alarms(events) == [MEMORY_LOST]
-        memory.unlink()
-        mark.unlink()
-        events, errors = first_events(port, tmp_path, count=1)
-    assert "retentive memory is lost" not in errors
-    assert alarms(events) == []
+        for declares, expected in ((True, []), (False, [MEMORY_LOST])):
+            memory.unlink()
+            mark.unlink()
+            events, errors = first_events(port, tmp_path, count=1 if declares else 2, declares=declares)
+            assert (f"{memory}: no memory, which counts as lost" in errors) is not declares
+            assert alarms(events) == expected
 
 
 @pytest.mark.nightly

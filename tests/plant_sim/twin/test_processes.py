@@ -70,7 +70,7 @@ def test_help_names_the_options(program: str, capsys: pytest.CaptureFixture[str]
                 ("plant_sim", "serve", "--host", "192.0.2.1", "--allow-remote"),
                 "--host must be an address of this computer",
             ),
-            (("plant_sim", "serve", "--watchdog-ms", "0"), "watchdog_ms"),
+            (("plant_sim", "serve", "--watchdog-ms", "0"), "--watchdog-ms 0: must be 1 to"),
             (("plant_sim", "run", "--fast", "--keep"), "--keep"),
             (("controller", "--set", "tray_target=2"), "trays_target"),
             (("controller", "--set", "trays_target=two"), "must be an integer"),
@@ -89,12 +89,15 @@ def test_help_names_the_options(program: str, capsys: pytest.CaptureFixture[str]
             (("controller", "--hmi-host", "192.0.2.1"), "--hmi-allow-remote"),
             (("controller", "--hmi-host", "panel"), "must be an IP address"),
             (
-                ("controller", "--hmi-host", "192.0.2.1", "--hmi-allow-remote"),
+                ("controller", "--new-machine", "--hmi-host", "192.0.2.1", "--hmi-allow-remote"),
                 "--hmi-host must be an address of this computer",
             ),
             (("controller", "--hmi-certificate", "no.pem"), "no.pem"),
             (("controller", "--hmi-serial", "COM1:fast"), "DEVICE:BAUD"),
-            (("controller", "--hmi-port", "0", "--hmi-serial", "/dev/null"), "specify another --hmi-serial"),
+            (
+                ("controller", "--new-machine", "--hmi-port", "0", "--hmi-serial", "/dev/null"),
+                "specify another --hmi-serial",
+            ),
             (("controller", "--simulated-time", "--pace", "6000"), "--pace"),
             (("controller", "--history", "/proc/no/history.sqlite"), "--history"),
             (("controller", "history", "no.sqlite"), "no.sqlite"),
@@ -144,7 +147,6 @@ def test_a_port_in_use_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixture
         ("controller", "frobnicate"),
         ("controller", "ladder"),
         ("controller", "ladder", "export", "--target", "iec", "--out", "x"),
-        ("controller", "history", "--last", "some"),
         ("plant_sim", "serve", "--port"),
         ("plant_sim", "study", "cabbage"),
     ],
@@ -380,11 +382,12 @@ def test_the_live_run_is_stopped_by_ctrl_c_in_order(tmp_path: Path) -> None:
         assert httpx.get(url, timeout=WAIT_S).status_code == 200
         assert any("Execute" in line for line in live.stderr)
         live.send_signal(signal.SIGINT)
-        _, errors = live.communicate(timeout=WAIT_S)
+        report, errors = live.communicate(timeout=WAIT_S)
     finally:
         live.kill()
         live.communicate()
     assert live.returncode == 130
+    assert report.startswith("the trial did not complete, so it has no S: interrupted\nseedlings 720: ")
     assert "outputs set to their safe levels" in errors
     assert "Traceback" not in errors
     with socket.create_server(("127.0.0.1", port)):
@@ -415,10 +418,12 @@ def test_sigterm_ends_the_live_run_with_its_children() -> None:
             if "Stopped" in line:
                 break
         live.terminate()
-        _, errors = live.communicate(timeout=WAIT_S)
+        report, errors = live.communicate(timeout=WAIT_S)
     finally:
         live.kill()
         live.communicate()
+    assert live.returncode == 130
+    assert report.startswith("the trial did not complete, so it has no S: interrupted\nseedlings 144: ")
     assert "outputs set to their safe levels" in errors
     with socket.create_server(("127.0.0.1", port)):
         pass

@@ -23,6 +23,7 @@ from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
 from tests.plant_sim.twin.process_rig import DroppingProxy, plant_process, wait_for_state
 from tests.real_time import host_delay, judge_live_run
+from tests.retained import retained
 
 pytestmark = pytest.mark.real_time
 """The watchdog of the plant measures the time in which nobody writes; in lock step, this time does not pass."""
@@ -56,7 +57,7 @@ class Machine:
 
     def start_controller(self) -> None:
         limit_ms = str(min(2 * self.watchdog_ms, LONGEST_LIMIT_MS))
-        where = ("--port", str(self.proxy.port), "--retain", str(self._folder / "retentive.json"))
+        where = ("--port", str(self.proxy.port), *retained(self._folder / "retentive.json"))
         options = (
             *where,
             "--link-limit-ms",

@@ -139,8 +139,8 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert [line.split(" | ")[0] for line in capsys.readouterr().out.splitlines()[2:]] == ["| 10 ± 1", "| 20 ± 1"]
     for options, expected in (
         (["--jitter-ms", "1"], "add --scan-ms"),
-        (["--scan-ms", "0"], "--scan-ms 0 --jitter-ms 0: the scan time must be 1 to 200 ms"),
-        (["--scan-ms", "10", "--jitter-ms", "10"], "more than the jitter"),
+        (["--scan-ms", "0"], "--scan-ms 0: must be 1 to 200"),
+        (["--scan-ms", "10", "--jitter-ms", "10"], "--jitter-ms 10: the scan time must be more than the jitter"),
         (["--scan-ms", "10", "--long-scan-ms", "201"], "--long-scan-ms 201: must be 0 to 200"),
         (["--repeat", "2"], "or add --scan-ms"),
     ):

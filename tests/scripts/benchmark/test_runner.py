@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from controller.common.extras import install_command
 from plant_sim.twin.process import LiveError
 from scripts.benchmark.part import BenchmarkPart, lazily
 from scripts.benchmark.results.record import PartRecord
@@ -24,7 +25,7 @@ def run(*parts: BenchmarkPart, repetitions: int | None = None, busy_s: tuple[flo
         (AssertionError(), "AssertionError"),
         (
             ModuleNotFoundError("No module named 'joblib'", name="joblib"),
-            "joblib is not installed; run: pip install 'seedling-transplanter[studies]'",
+            f"joblib is not installed; run: {install_command('studies')}",
         ),
     ],
 )

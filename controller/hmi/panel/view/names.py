@@ -54,8 +54,18 @@ _COMMANDS: Final = {
         "right_out_of_service": Text("Right arm out of service", "停用右臂"),
         "right_in_service": Text("Right arm in service", "启用右臂"),
         "empty_line": Text("Empty the line", "清空生产线"),
+        "new_machine": Text("New machine", "新机器"),
     }.items()
 }
+
+_REMARKS: Final = {
+    "remark.new_machine": Text(
+        "The memory is lost. Only for a new machine, at its installation: the next homing conveys out any tray, with "
+        "its seedlings.",
+        "保持数据丢失。仅用于新机器安装时：下次回原点时送出苗盘和盘中的苗。",
+    ),
+}
+"""Remarks beside commands."""
 
 _JOGS: Final = {
     "jog.lift_extend": Text("Arm down", "臂下降"),
@@ -233,6 +243,7 @@ _CONDITIONS: Final = {
 
 NAMES: Final = {
     **_COMMANDS,
+    **_REMARKS,
     **_JOGS,
     **_SET_POINTS,
     **_SEQUENCES,

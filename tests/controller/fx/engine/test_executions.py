@@ -381,7 +381,7 @@ def test_machine_code_is_used_if_llvmlite_is_installed(monkeypatch: pytest.Monke
 
 
 def test_python_functions_do_not_import_llvmlite() -> None:
-    code = "import sys, controller.cli.ladder, controller.fx.engine.plc as p, controller.fx.language.il as il\n"
+    code = "import sys, controller.cli.ladder.command, controller.fx.engine.plc as p, controller.fx.language.il as il\n"
     code += "p.FxPlc(il.read_il('LD X0\\nOUT Y0\\nEND\\n')).scan(0, [True])\nprint('llvmlite' in sys.modules)"
     printed = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
     assert printed.stdout == "False\n"

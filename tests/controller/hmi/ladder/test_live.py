@@ -221,8 +221,8 @@ def test_all_servers_of_a_process_show_the_same_devices(program: Path) -> None:
         (["--serve-modbus", "--json"], "no effect on a live program"),
         (["--serve-modbus", "--scan-ms", "0"], "--scan-ms 0: must be 1 to 1000"),
         (["--serve-mc", "1e", "--mc-port", "65536"], "--mc-port 65536: must be 0 to 65535"),
-        (["--serve-modbus", "--pace", "0"], "--pace 0: must be 1 to 65535"),
-        (["--serve-modbus", "--pace", "6000"], "--pace: pace 6000 %"),
+        (["--serve-modbus", "--pace", "0"], "--pace 0: must be 1 to 5000, or 65535"),
+        (["--serve-modbus", "--pace", "6000"], "--pace 6000: must be 1 to 5000, or 65535"),
         (["--serve-modbus", "--input-filter-ms", "70"], "--input-filter-ms"),
         (["--serve-mc", "3e", "--host", "0.0.0.0"], "use --allow-remote"),  # noqa: S104 - refused
         (["--serve-port", "/dev/no-such-line"], "specify another --serve-port"),

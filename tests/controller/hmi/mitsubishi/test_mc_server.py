@@ -34,7 +34,7 @@ from controller.core.devices import Memory
 from controller.hmi.modbus.endpoint import HmiOptions
 from controller.hmi.serving.endpoints import ServerError, TcpSettings
 from plant_sim.twin.lock_step import Twin
-from tests.controller.hmi.hmi_rig import HmiRig, until
+from tests.controller.hmi.hmi_rig import IDLE_S, HmiRig, let_pass, until
 from tests.controller.hmi.mitsubishi.mc_rig import FORMS, AnyFrame, McRig, RawClient
 from tests.controller.hmi.test_writes import record_commands
 from tests.controller.program.modes.hands import jog_command, to_manual
@@ -314,13 +314,14 @@ def test_a_3e_length_beyond_every_frame_closes_the_connection() -> None:
 
 
 def test_connections_are_limited_and_idle_ones_are_closed() -> None:
-    settings = TcpSettings("127.0.0.1", 0, max_connections=2, idle_timeout_s=0.3)
+    settings = TcpSettings("127.0.0.1", 0, max_connections=2, idle_timeout_s=IDLE_S)
     with McRig(Frame1E(), settings) as rig, rig.raw() as idle, rig.raw() as dribbling:
         bystander = rig.hmi.client()
         until(lambda: rig.mc.connections == 2, bystander)
         with rig.raw() as third:
             assert idle.until_closed() == b"", "the least active one"
             dribbling.send(b"\x01")
+            let_pass(rig.mc._frontend, IDLE_S + 1)
             assert third.until_closed() == dribbling.until_closed() == b""
         traffic = rig.mc.traffic
         assert (traffic.refused, traffic.displaced, traffic.timed_out) == (0, 1, 2)

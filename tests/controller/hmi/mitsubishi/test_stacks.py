@@ -26,6 +26,7 @@ from controller.common.mitsubishi.devices import Device
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from plant_sim.twin.process import Process
+from tests.retained import retained
 
 NODE_FOLDER = Path(__file__).parent / "node"
 LIMIT_S = 60.0
@@ -281,7 +282,7 @@ def machine_ports(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str
             command = ["plant_sim", "serve", "--port", "0", "--lock-step-ms", "10"]
             plant = stack.enter_context(Process(f"plant {frame}", command))
             port = (plant.next_line(LIMIT_S) or "").rpartition(":")[2]
-            options = ["--port", port, "--retain", str(folder / "retentive.json"), "--timeout-ms", "5000"]
+            options = ["--port", port, *retained(folder / "retentive.json"), "--timeout-ms", "5000"]
             options += ["--mc", frame, "--mc-port", "0", "--events", "json", "--no-console", "--no-hmi"]
             options += ["--simulated-time", "--pace", "100"]
             controller = stack.enter_context(Process(f"controller {frame}", ["controller", "run", *options]))

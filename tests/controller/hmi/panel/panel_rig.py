@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import httpx
+import pytest
 import uvicorn
 from starlette.types import ASGIApp, Receive, Scope, Send
 from websockets.sync.client import ClientConnection, connect
@@ -24,14 +25,17 @@ from controller.core.clock import MonotonicClock
 from controller.history.query import HistoryReader
 from controller.hmi.access.server import HmiServer
 from controller.hmi.modbus.endpoint import HmiOptions
+from controller.hmi.panel.modbus import mirror
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.telemetry import Telemetry
+from controller.hmi.panel.orders import operator
 from controller.hmi.panel.orders.login import Cost, Users
 from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trends import MOST_PERIODS
 from controller.hmi.panel.web.app import PanelApplication, Sources, application
 from controller.hmi.panel.web.listener import QUOTA, REQUEST_MS, PanelListener
 from controller.io.pace import Pace
+from controller.io.scan_writes import ScanWrite
 from plant_sim.twin.lock_step import Twin
 from tests.controller.hmi.hmi_rig import HmiRig
 
@@ -117,7 +121,11 @@ def apply(view: dict[str, Any], changes: dict[str, Any]) -> None:
 
 
 class PanelRig:
-    """Running panel; the controller scans in real time between `__enter__` and `__exit__`."""
+    """Running panel; the controller scans in real time between `__enter__` and `__exit__`.
+
+    A busy computer may delay a scan and an answer by any time: until `__exit__`, writes wait for a scan, and the panel
+    for an answer and for the outcome of a command, for up to `TIMEOUT_S`; values are outdated as late.
+    """
 
     def __init__(
         self,
@@ -139,12 +147,16 @@ class PanelRig:
         if not first_run:
             users.set_first({"operate": PASSWORDS["operate"], "maintain": PASSWORDS["maintain"]})
         self._stack = ExitStack()
+        patch = self._stack.enter_context(pytest.MonkeyPatch.context())
+        patch.setattr(ScanWrite, "limit_s", TIMEOUT_S)
+        patch.setattr(operator, "OUTCOME_MS", round(1_000 * TIMEOUT_S))
+        patch.setattr(mirror, "STALE_MS", round(1_000 * TIMEOUT_S))
         self._stack.enter_context(self.hmi)
         self.port = self.hmi.server.port
         clock = MonotonicClock()
         sources = Sources(
             self.twin.machine,
-            lambda: ModbusConnection("127.0.0.1", self.port, is_named=True),
+            lambda: ModbusConnection("127.0.0.1", self.port, timeout_s=TIMEOUT_S, is_named=True),
             None if telemetry is None else telemetry(clock),
             HistoryReader(folder / "history.sqlite"),
             clock,

@@ -106,7 +106,7 @@ def test_a_defect_while_jogging_releases_the_output_until_the_button_is_pressed_
             if not reply["ok"]:
                 break
         assert "press" in reply["text"]["en"]
-        assert failures() == {"jog": 1}
+        rig.until(lambda: failures() == {"jog": 1})  # the jog ends with the answer to its release
         assert jog(browser)["ok"] is False
         rig.until(lambda: not coil(rig))
         assert [change.on for change in recorder.of(OUTPUT)] == [True, False][: 2 * min(failing, 1)]
@@ -126,8 +126,8 @@ def test_a_defect_while_jogging_releases_the_output_until_the_button_is_pressed_
 def test_a_defect_in_a_socket_closes_it_and_releases_what_its_browser_jogs(
     task: str, function: str, failing: int, error: type[Exception], rig: PanelRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sockets, function, FailsOnce(getattr(sockets, function), failing, error))
     with rig.browser("maintain") as browser:
+        monkeypatch.setattr(sockets, function, FailsOnce(getattr(sockets, function), failing, error))
         with pytest.raises(ConnectionClosedError) as closed:
             _jog_for_ever(rig, browser)
         assert closed.value.rcvd is not None

@@ -24,6 +24,8 @@ OTHER = "right.lift_retract"
 LEASE_SCANS = JOG_LEASE_MS // SCAN_MS
 SLACK_SCANS = 8
 """Allowance for a browser message, a Modbus write and a scan on a busy computer."""
+PATIENCE = 10
+"""Factor by which the panel's lease is lengthened for a busy computer, in tests of anything else."""
 
 
 @pytest.fixture
@@ -34,8 +36,8 @@ def rig(tmp_path: Path) -> Iterator[PanelRig]:
 
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lengthen the panel's lease for a busy computer, in tests of anything else."""
-    monkeypatch.setattr("controller.hmi.panel.orders.jog.LEASE_MS", 10 * JOG_LEASE_MS)
+    """Lengthen the panel's lease."""
+    monkeypatch.setattr("controller.hmi.panel.orders.jog.LEASE_MS", PATIENCE * JOG_LEASE_MS)
 
 
 def manual_twin() -> Twin:
@@ -58,6 +60,7 @@ def coil(rig: PanelRig, output: str = OUTPUT) -> bool:
     return rig.hmi.coil(output)
 
 
+@pytest.mark.usefixtures("patient")
 def test_output_is_on_while_renewed_and_off_after_release(rig: PanelRig) -> None:
     with rig.browser("maintain") as browser:
         recorder = ChangeRecorder.of_outputs(rig.twin)
@@ -67,14 +70,14 @@ def test_output_is_on_while_renewed_and_off_after_release(rig: PanelRig) -> None
         assert coil(rig)
         browser.until(lambda view: view["jog"]["output"] == OUTPUT)
         assert browser.order(type="jog", output=OUTPUT, hold=False)["ok"] is True
-        assert rig.until(lambda: not coil(rig), scans=60) <= SLACK_SCANS
+        rig.until(lambda: not coil(rig))
         browser.until(lambda view: view["jog"]["output"] is None)
         changes = recorder.of(OUTPUT)
     assert [change.on for change in changes] == [True, False]
-    assert changes[1].at_ms - changes[0].at_ms >= 450  # longer than one lease, so the jog was renewed
+    assert changes[1].at_ms - changes[0].at_ms >= 450  # longer than the controller's lease, so the jog was renewed
     assert audits(rig) == [
         ("maintain", "jog_left_lift_retract", "1", "done"),
-        ("maintain", "jog_left_lift_retract", "0", "done"),
+        ("maintain", "jog_left_lift_retract", "0", "done"),  # by the release; a lease of the controller has "ended"
     ]
 
 
@@ -108,15 +111,17 @@ def test_late_message_does_not_start_a_jog(rig: PanelRig) -> None:
         rig.until(lambda: coil(rig))
 
 
+@pytest.mark.usefixtures("patient")
 def test_closed_socket_releases_the_output_at_once(rig: PanelRig) -> None:
     with rig.browser("maintain") as browser:
         jog(browser)
         rig.until(lambda: coil(rig))
-    assert rig.until(lambda: not coil(rig), scans=60) <= SLACK_SCANS
-    rig.until(lambda: len(audits(rig)) == 2)
+    rig.until(lambda: not coil(rig))
+    rig.until(lambda: len(audits(rig)) == 2)  # a lease of the controller would be recorded as "ended"
     assert audits(rig)[-1] == ("maintain", "jog_left_lift_retract", "0", "done")
 
 
+@pytest.mark.usefixtures("patient")
 def test_thirty_silent_connections_do_not_take_jogging_from_the_operator(rig: PanelRig) -> None:
     with rig.browser("maintain") as browser, ExitStack() as stack:
         for _ in range(30):
@@ -124,7 +129,9 @@ def test_thirty_silent_connections_do_not_take_jogging_from_the_operator(rig: Pa
         for _ in range(5):
             assert jog(browser)["ok"] is True
             rig.until(lambda: coil(rig))
-        assert len(audits(rig)) == 1, "one jog"
+        rig.until(lambda: bool(audits(rig)))  # written after the answer to the write, which may follow the coil
+        rig.for_scans(SLACK_SCANS)
+        assert [row[2] for row in audits(rig)].count("1") == 1, "one jog"
 
 
 class Relay:
@@ -150,8 +157,12 @@ class Relay:
                     sink.sendall(data)
 
 
-@pytest.mark.parametrize("lost", ["to the panel", "from the panel"])
-def test_a_jog_ends_if_one_direction_of_its_connection_is_lost(rig: PanelRig, lost: str) -> None:
+@pytest.mark.usefixtures("patient")
+@pytest.mark.parametrize(
+    ("lost", "lease_scans"), [("to the panel", LEASE_SCANS), ("from the panel", PATIENCE * LEASE_SCANS)]
+)
+def test_a_jog_ends_if_one_direction_of_its_connection_is_lost(rig: PanelRig, lost: str, lease_scans: int) -> None:
+    """The lease of the controller ends it if the panel receives nothing, that of the panel if the browser does not."""
     with ExitStack() as stack:
         rig.log_in("maintain")
         relay = Relay(rig, stack)
@@ -162,7 +173,7 @@ def test_a_jog_ends_if_one_direction_of_its_connection_is_lost(rig: PanelRig, lo
             rig.until(lambda: coil(rig))
         relay.lost = lost
         lost_scan = seen_scan = rig.twin.plc.scans
-        while coil(rig) and seen_scan - lost_scan <= LEASE_SCANS + SLACK_SCANS:
+        while coil(rig) and seen_scan - lost_scan <= lease_scans + SLACK_SCANS:
             browser.send(type="jog", output=OUTPUT, hold=True, seen=browser.view_number)
             rig.for_scans(5)
             seen_scan = rig.twin.plc.scans
@@ -228,6 +239,7 @@ def test_jog_ends_when_manual_operation_stops(rig: PanelRig) -> None:
         assert not coil(rig)
 
 
+@pytest.mark.usefixtures("patient")
 def test_logout_ends_a_jog(rig: PanelRig) -> None:
     with rig.browser("maintain") as browser:
         jog(browser)
@@ -237,6 +249,7 @@ def test_logout_ends_a_jog(rig: PanelRig) -> None:
         assert rig.until(lambda: not coil(rig), scans=60) <= LEASE_SCANS + SLACK_SCANS
 
 
+@pytest.mark.usefixtures("patient")
 def test_lost_controller_ends_a_jog_permanently(rig: PanelRig) -> None:
     with rig.browser("maintain") as browser:
         jog(browser)

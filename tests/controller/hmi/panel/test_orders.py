@@ -17,6 +17,7 @@ from controller.hmi.panel.orders.replies import REPLIES
 from controller.hmi.panel.web import sockets
 from controller.io.forcing import LEASE_MS
 from controller.io.pace import Pace
+from controller.io.scan_writes import NO_SCAN_LIMIT_S, ScanWrite
 from controller.program.states import Mode, State
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from tests.controller.hmi.panel.panel_rig import Browser, PanelRig
@@ -207,8 +208,9 @@ def test_simulated_time_is_paused_and_sped_up(tmp_path: Path) -> None:
         assert pace.percent == 100
 
 
-def test_without_a_scan_an_order_is_not_executed(rig: PanelRig) -> None:
-    with rig.browser("operate") as browser:
+def test_without_a_scan_an_order_is_not_executed(rig: PanelRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    with rig.browser("operate") as browser, monkeypatch.context() as patch:
+        patch.setattr(ScanWrite, "limit_s", NO_SCAN_LIMIT_S)
         for order in ({"type": "command", "command": "mode_manual"}, {"type": "set", "name": "settle", "value": 33}):
             with rig.without_scans():
                 assert english(browser.order(**order)).startswith("not executed: the controller does not scan")

@@ -20,8 +20,9 @@ from controller.core.expr import leaves
 from controller.events.kinds import as_record
 from controller.history.query import RowSelection, open_history
 from controller.history.summary import summary
+from controller.hmi.panel.modbus import mirror
 from controller.hmi.panel.modbus.connection import ModbusConnection
-from controller.hmi.panel.modbus.mirror import blocks
+from controller.hmi.panel.modbus.mirror import STALE_MS, blocks
 from controller.hmi.panel.modbus.telemetry import TagFileError, Telemetry, load_tags
 from controller.hmi.panel.view.describe import describe
 from controller.hmi.panel.view.state import delta
@@ -37,7 +38,7 @@ from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.live import ReportedEvents
+from plant_sim.twin.ending.reported import ReportedEvents
 from plant_sim.twin.recovery import home_again, repair
 from tests.controller.history.history_rig import history
 from tests.controller.hmi.panel.panel_rig import PanelRig, apply
@@ -58,9 +59,11 @@ VIEWS = st.fixed_dictionaries(
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelRig]:
-    """Yield a machine just before the end of its first cycle; in real time, a complete cycle would take 8 s."""
+    """Yield a machine 0.5 s before the end of its first complete cycle, which would take 17 s in real time."""
     twin = at_work()
-    twin.run_until(lambda: any(twin.in_step(f"{side} arm", "release delay") for side in SIDES), within_ms=30_000)
+    for step in ("lift from row", "release delay"):
+        bits = [twin.step_of(f"{side} arm", step) for side in SIDES]
+        twin.run_until(bits[0] | bits[1], within_ms=30_000)
     with PanelRig(tmp_path_factory.mktemp("panel"), twin) as rig:
         yield rig
 
@@ -176,11 +179,12 @@ def test_deltas_of_a_running_machine_reproduce_the_view(rig: PanelRig) -> None:
                 assert browser.view["io"] == fresh.view["io"]
 
 
-def test_view_ages_without_the_controller_and_recovers_with_it(tmp_path: Path) -> None:
-    with PanelRig(tmp_path) as rig, rig.browser() as browser:
+def test_view_ages_without_the_controller_and_recovers_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with PanelRig(tmp_path) as rig, rig.browser() as browser, monkeypatch.context() as patch:
+        patch.setattr(mirror, "STALE_MS", STALE_MS)
         rig.stop_server()
         browser.until(lambda view: not view["link"]["controller"])
-        old = browser.until(lambda view: view["link"]["age_ms"] > 1_000)
+        old = browser.until(lambda view: view["link"]["age_ms"] > STALE_MS)
         assert old["machine"]["state"] == State.STOPPED  # last known state
         assert "transplanter_controller_up 0.0" in rig.here.get("/metrics").text
         assert "transplanter_scans_total" not in rig.here.get("/metrics").text

@@ -38,11 +38,13 @@ class TcpModule:
     def plug(self) -> None:
         self._listener = socket.create_server(("127.0.0.1", self.port))
         self.port = self._listener.getsockname()[1]
-        self._start(self._accept, self._listener)
+        self._accepting = threading.Thread(target=self._accept, args=(self._listener,))
+        self._accepting.start()
 
     def unplug(self) -> None:
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
+        self._accepting.join()  # afterwards no connection is new
         self._listener.close()
         for connection in self._connections:
             with contextlib.suppress(OSError):

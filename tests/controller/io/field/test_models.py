@@ -128,3 +128,10 @@ def test_a_model_that_cannot_be_compared_is_one_line(profile: str, model: str, m
     entry = device("valves", profile, tcp(502), ALL_WIRES, "watchdog_ms: 300", f"model: {model}")
     with pytest.raises(InputError, match=rf"field\.yaml:\d+: .*model.*{message}"):
         load_field(file_of(tmp_path, entry), IO_MAP)
+
+
+def test_a_model_that_begins_with_more_values_than_are_read_is_one_line(tmp_path: Path) -> None:
+    reports = "reports: {table: holding_register, first: 0x2011, count: 1, begins: [750, 352]}"
+    entry = device("valves", "coils", tcp(502), ALL_WIRES, "watchdog_ms: 300", reports)
+    with pytest.raises(InputError, match=r"field\.yaml:\d+: .*begins.* than count = 1; delete values"):
+        load_field(file_of(tmp_path, entry), IO_MAP)

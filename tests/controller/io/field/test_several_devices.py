@@ -32,6 +32,7 @@ from tests.controller.io.field.field_rig import (
 from tests.controller.io.field.modules import Beckhoff, Box
 from tests.controller.io.field.servers import TcpModule
 from tests.real_time import WAIT_S
+from tests.retained import retained
 from tests.sampling import one_in
 from tests.wiring import wired
 
@@ -39,19 +40,34 @@ BACK_MS = 500
 """Time from the return of a device to its use, ms (issue)."""
 HALF = len(OUTPUT_TAGS) // 2
 WATCHDOG = "watchdog_ms: 6000"
+SILENCE_MS = 250
+"""Time limit of a device that falls silent, ms: each attempt to reach it takes as long."""
 
 
 class Field:
-    """Sensors, left valves and right valves, each in a box of its own."""
+    """Sensors, left valves and right valves, each in a box of its own.
 
-    def __init__(self, stack: ExitStack, folder: Path, *, timeout_ms: int = PATIENT_MS, wait_ms: int = 0) -> None:
+    The time limit of an answer is that of the devices of which one does not answer; the others may be late.
+    """
+
+    def __init__(
+        self,
+        stack: ExitStack,
+        folder: Path,
+        *,
+        timeout_ms: int = PATIENT_MS,
+        timed: tuple[int, ...] = (0, 1, 2),
+        wait_ms: int = 0,
+    ) -> None:
         self.boxes = [Box(), Box(), Box()]
         self.modules = [stack.enter_context(TcpModule(box)) for box in self.boxes]
         tags = (INPUT_TAGS, OUTPUT_TAGS[:HALF], OUTPUT_TAGS[HALF:])
         names = (("sensors", "inputs-only"), ("valves", "coils"), ("claws", "coils"))
         entries = [
-            device(name, profile, tcp(module.port), wires(each), timeout_ms=timeout_ms)
-            for (name, profile), module, each in zip(names, self.modules, tags, strict=True)
+            device(
+                name, profile, tcp(module.port), wires(each), timeout_ms=timeout_ms if number in timed else PATIENT_MS
+            )
+            for number, ((name, profile), module, each) in enumerate(zip(names, self.modules, tags, strict=True))
         ]
         self.rig = FieldRig(file_of(folder, *entries), list(self.boxes), wait_ms=wait_ms)
         stack.callback(self.rig.link.close)
@@ -119,7 +135,7 @@ def test_a_lost_device_makes_the_outputs_of_all_devices_safe(
     lost: int, way: str, stack: ExitStack, tmp_path: Path
 ) -> None:
     """Latched and named; the other devices are written safe by the controller, the lost one by its own watchdog."""
-    field = Field(stack, tmp_path, timeout_ms=PATIENT_MS if way == "unplugged" else 100)
+    field = Field(stack, tmp_path, timeout_ms=PATIENT_MS if way == "unplugged" else SILENCE_MS, timed=(lost,))
     rig, name = field.rig, ("sensors", "valves", "claws")[lost]
     rig.start()
     rig.move()
@@ -345,8 +361,8 @@ def test_the_command_with_two_devices(stack: ExitStack, tmp_path: Path) -> None:
         device("sensors", "inputs-only", tcp(sensors.port), wires(INPUT_TAGS), timeout_ms=PATIENT_MS),
         device("valves", "coils", tcp(valves.port), wires(OUTPUT_TAGS), WATCHDOG, timeout_ms=PATIENT_MS),
     )
-    retain = str(tmp_path / "retentive.json")
-    options = ["--field", str(path), "--retain", retain, "--events", "json", "--no-hmi", "--link-limit-ms", "500"]
+    retain = retained(tmp_path / "retentive.json")
+    options = ["--field", str(path), *retain, "--events", "json", "--no-hmi", "--link-limit-ms", "500"]
     controller = stack.enter_context(Process("controller", ["controller", "run", *options, "--simulated-time"]))
     next_event(controller, event="state", state=int(State.STOPPED))
     boxes[1].outputs = [True] * len(boxes[1].outputs)
@@ -379,7 +395,7 @@ def test_the_last_line_names_the_devices_that_were_not_written(
         device(*name, tcp(module.port), wires(each), *([] if each is INPUT_TAGS else [WATCHDOG]), timeout_ms=PATIENT_MS)
         for name, module, each in zip(names, modules, tags, strict=True)
     ]
-    options = ["--field", str(file_of(tmp_path, *entries)), "--retain", str(tmp_path / "retentive.json")]
+    options = ["--field", str(file_of(tmp_path, *entries)), *retained(tmp_path / "retentive.json")]
     more = ["--events", "json", "--no-hmi", "--link-limit-ms", "500", "--simulated-time"]
     controller = stack.enter_context(Process("controller", ["controller", "run", *options, *more]))
     next_event(controller, event="state", state=int(State.STOPPED))

@@ -97,7 +97,7 @@ class ProgramOfPlc:
 
     def scan(self, inputs: Sequence[bool]) -> list[bool]:
         outputs = self.fx.scan(self.now_ms, list(inputs)[: IO_MAP.input_count])[: IO_MAP.output_count]
-        if self.now_ms == 0:  # the first scan sets the defaults
+        if self.now_ms == 0:  # the first scan sets the defaults, and takes the memory for lost
             self._commission()
         self.now_ms += SCAN_MS
         return outputs
@@ -106,6 +106,8 @@ class ProgramOfPlc:
         for name, value in {**set_points_of(MACHINE), "trays_target": self.trays}.items():
             device = getattr(build(IO_MAP).tags.sp, name)
             self.fx.memory.set_word(device.kind, device.number, value)
+        new = build(IO_MAP).tags.commands.new_machine
+        self.fx.memory.M[new.number] = True
 
 
 class PlcMemory(DataHandler):  # type: ignore[misc]

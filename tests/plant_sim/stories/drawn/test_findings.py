@@ -30,8 +30,10 @@ def run_of(seed: int) -> StoryRun:
     return StoryRun(MACHINE, PARAMETERS, accepted_harm, seed=seed)
 
 
-@pytest.mark.parametrize(("count", "least_share", "most_never"), first_of([(12, 0.1, 14), (50, 0.3, 3)]))
-def test_stories_find_nothing_new(count: int, least_share: float, most_never: int) -> None:
+@pytest.mark.parametrize(
+    ("count", "least_share", "most_never", "most_quiet"), first_of([(12, 0.1, 18, 11), (50, 0.3, 3, 44)])
+)
+def test_stories_find_nothing_new(count: int, least_share: float, most_never: int, most_quiet: int) -> None:
     """No violated requirement, no exception, no machine that stays at rest, no silent harm without a known cause."""
     run = run_of(seed=1)
     for number in range(count):
@@ -40,7 +42,7 @@ def test_stories_find_nothing_new(count: int, least_share: float, most_never: in
     lines = [*run.report.lines()]
     assert lines[-1] == "findings: none", "\n".join(lines)
     assert run.report.count == count
-    assert run.report.classes[HarmClass.NONE] < 0.9 * count, "the stories disturb too little"
+    assert run.report.classes[HarmClass.NONE] <= most_quiet, "the stories disturb too little"
     assert run.report.coverage.share_of_reached > least_share
     assert len(run.report.coverage.never) <= most_never
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from plant_sim.cli.main import main
-from plant_sim.cli.stories import add_arguments, story_run
-from plant_sim.machine.parameters import DEFAULT_MACHINE
+from plant_sim.cli.options.stories import add_arguments
+from plant_sim.cli.stories import story_run
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.stories.drawn.action import parse_story
 from plant_sim.stories.drawn.guide import StoryGuide
 from plant_sim.stories.drawn.known import KNOWN

@@ -206,7 +206,7 @@ def test_a_worker_with_another_version_is_rejected_before_the_first_run(
         (("--engine", "dask"), "--scheduler is missing; write tcp://HOST:PORT, as the scheduler prints it"),
         (("--engine", "dask", "--scheduler", "host:1"), "--scheduler host:1: is not an address; write tcp://HOST:PORT"),
         (("--timeout", "9"), "--timeout: has no effect without --engine dask; omit it, or add --engine dask"),
-        (("--engine", "dask", "--timeout", "0"), "--timeout 0.0: must be 1 or more"),
+        (("--engine", "dask", "--timeout", "0"), "--timeout 0: must be 1 to 86400"),
         (("--shard", "0"), "--shard 0: must be 1 or more"),
     ],
 )

@@ -14,7 +14,7 @@ import pytest
 
 from controller.common.document.parts import Picture, Table
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from plant_sim.cli.study.command import add_arguments
+from plant_sim.cli.options.study import add_arguments
 from plant_sim.cli.study.command import run as study_command
 from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec

@@ -8,6 +8,8 @@ import { Facts, Sections, commandButton, isolation, orders, section } from "../c
 
 const TRAY = "tray";
 const DISCARDS = ["left_discard", "right_discard"];
+const NEW_MACHINE = "new_machine";
+const UNKNOWN = 4; // phase of a tray after a loss of memory
 const WAYS_OUT = ["clear", "reset", "start", "unhold"];
 
 export class RecoveryPage {
@@ -20,12 +22,14 @@ export class RecoveryPage {
     this.discards = DISCARDS.map((name) => new AnswerButton(named(`command.${name}`, commands.get(name).text), name));
     this.facts = new Facts([["reason", t("reason")], ["refusal", t("recovery.last_refusal")]]);
     this.service = buttons(names("service"));
+    this.declare = commandButton(commands.get(NEW_MACHINE), { ask: t("ask", { label: t(`command.${NEW_MACHINE}`) }) });
+    this.lost = make("div", { "data-part": "new-machine" }, make("p", { text: t("remark.new_machine") }), orders([this.declare]));
     this.questions = make("div", {});
     this.stored = make("p", {});
     this.sections = new Sections({
       "recovery.next": section("recovery.next", this.facts.node, orders(this.ways)),
       "isolate.steps": make("section", { class: "part" }, isolation()),
-      "recovery.questions": section("recovery.questions", this.questions),
+      "recovery.questions": section("recovery.questions", this.questions, this.lost),
       "recovery.discard": section("recovery.discard", make("p", { text: t("recovery.discard_about") }), orders(this.discards)),
       "recovery.service": section("recovery.service", make("p", { text: t("recovery.service_about") }), orders(this.service)),
     });
@@ -41,6 +45,8 @@ export class RecoveryPage {
     const key = [...open, ...tray].join();
     if (key !== this.open) this.#ask(open);
     this.open = key;
+    this.lost.hidden = view.tray.phase !== UNKNOWN;
+    this.declare.update();
     write(this.stored, t("recovery.stored_tray", storedRows(view)));
     [...this.ways, ...this.discards, ...this.service, ...this.answers].forEach((button) => button.update());
     this.sections.update();

@@ -14,6 +14,8 @@ from types import TracebackType
 from typing import Self
 from urllib.parse import urlsplit
 
+import pytest
+
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmList
@@ -29,6 +31,7 @@ from controller.io.modbus_tcp import ModbusTcpLink
 from controller.io.pace import FLAT_OUT, REAL_TIME, Pace
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
+from controller.io.scan_writes import NO_SCAN_LIMIT_S, ScanWrite
 from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.crop.seedling import SeedlingCounts
@@ -47,8 +50,9 @@ SLOWER = 3
 accordingly.
 """
 PATIENCE = 12
-"""Factor by which the ages from which panel and page regard values as outdated, and the panel's time limit of an
-answer, are lengthened in tests of anything else, because a busy computer may take seconds.
+"""Factor by which limits are lengthened, because a busy computer may take seconds: the wait of a write for a scan, and
+in tests of anything else also the ages from which panel and page regard values as outdated, and the panel's time limit
+of an answer.
 """
 PASSWORDS = {"operate": "turn the soil", "maintain": "mend the claws"}
 CHEAP = Cost(n=2, r=1, p=1)
@@ -76,6 +80,8 @@ class LiveMachine:
         self.port = 0
 
     def __enter__(self) -> Self:
+        patch = self._stack.enter_context(pytest.MonkeyPatch.context())
+        patch.setattr(ScanWrite, "limit_s", PATIENCE * NO_SCAN_LIMIT_S)
         self._stack.enter_context(self.plant)
         self.plant_port = self.plant.server.port
         self.runtime = self._runtime()

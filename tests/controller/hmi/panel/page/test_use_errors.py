@@ -13,7 +13,7 @@ from controller.hmi.panel.orders.replies import REPLIES
 from controller.hmi.panel.view import texts
 from controller.program.operator.commands import JOG_LEASE_MS, JOGGED
 from controller.program.states import State
-from controller.program.tags import IN_DOUBT, IN_PLACE, SIDES
+from controller.program.tags import FORGOTTEN, IN_DOUBT, IN_PLACE, SIDES
 from controller.program.texts.operator import LANGUAGES
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 from tests.controller.hmi.panel.page.screen import (
@@ -285,6 +285,31 @@ def test_the_question_about_the_tray_shows_what_is_stored(station: Station, at_r
     for device, value in ((row, before), (tray.ask, 0), (tray.phase, phase)):
         plc.write(device, value)
     expect(page.find("[data-question]")).to_have_count(0)
+
+
+def test_a_machine_is_declared_new_only_while_its_memory_is_unknown_and_by_a_second_press(
+    station: Station, at_rest: Page
+) -> None:
+    live, page = station.live, at_rest
+    plc, tray = live.runtime.plc, live.machine.tags.tray
+    rows = [row for arm in live.machine.tags.arms.values() for row in arm.rows.values()]
+    before = {word: plc.read(word) for word in (tray.phase, *rows)}
+    page.open("recovery")
+    part, button = page.find("[data-part=new-machine]"), page.find("[data-command=new_machine]")
+    expect(part).to_be_hidden()
+    plc.write(tray.phase, FORGOTTEN)
+    expect(part).to_be_visible()
+    expect(part).to_contain_text(TEXTS["remark.new_machine"].en)
+    expect(button).not_to_have_attribute("aria-disabled", "true")
+    button.click()
+    assert page.commands() == []
+    page.page.wait_for_timeout(AGAIN_MS)  # longer than a double tap
+    button.click()
+    live.until(lambda: plc.read(tray.phase) != FORGOTTEN, "declared")
+    assert page.commands() == ["new_machine"]
+    expect(part).to_be_hidden()
+    for word, value in before.items():
+        plc.write(word, value)
 
 
 def test_a_double_tap_is_one_order_and_confirms_nothing(station: Station, at_rest: Page) -> None:

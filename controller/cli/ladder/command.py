@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 
 from controller.cli.fx_options import PROGRAM_FILE, add_cpu, add_modules, cpu_of, peripherals_of
-from controller.cli.ladder_export import add_export
-from controller.cli.ladder_live import add_live_arguments, is_live, run_live_program
+from controller.cli.ladder.export import add_export
+from controller.cli.ladder.live import add_live_arguments, is_live, run_live_program
 from controller.common.document.rendering import write_texts
 from controller.common.errors import InputError
 from controller.fx.drawing.ladder import draw

@@ -9,9 +9,11 @@ from contextlib import ExitStack
 from typing import Final
 
 from controller.cli.fx_options import cpu_of, peripherals_of
+from controller.common.arguments.number_type import PORT, integer
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.stop_request import StopRequest
+from controller.core.input_filter import LONGEST_FILTER_MS
 from controller.fx.engine.execution import fastest_execution
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.reading import load_ladder
@@ -23,7 +25,7 @@ from controller.hmi.modbus.endpoint import DEFAULT_PORT as DEFAULT_MODBUS_PORT
 from controller.hmi.modbus.endpoint import modbus_tcp
 from controller.hmi.serving.endpoints import Endpoint, EndpointNames, TcpEndpoint, TcpSettings
 from controller.hmi.serving.server import DeviceServer
-from controller.io.pace import Pace, PaceError
+from controller.io.pace import FASTEST, FLAT_OUT, Pace
 
 _MODBUS_NAMES: Final = EndpointNames(
     "Modbus server", "Modbus", "--host", "--modbus-port", "--allow-remote", "omit --serve-modbus"
@@ -31,27 +33,34 @@ _MODBUS_NAMES: Final = EndpointNames(
 _MC_NAMES: Final = EndpointNames(
     "MC server", "the MC protocol", "--host", "--mc-port", "--allow-remote", "omit --serve-mc"
 )
-_LIMITS: Final = {"scan_ms": (1, 1_000), "modbus_port": (0, 65_535), "mc_port": (0, 65_535), "pace": (1, 65_535)}
 
 
 def add_live_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the live mode."""
     live = parser.add_argument_group("live mode: the program runs until Ctrl-C, all devices can be read and written")
     live.add_argument("--serve-modbus", action="store_true", help="serve Modbus TCP with the addresses of an FX3U")
-    live.add_argument("--modbus-port", type=int, default=DEFAULT_MODBUS_PORT, help="TCP port; 0 = any free port")
+    live.add_argument("--modbus-port", type=PORT, default=DEFAULT_MODBUS_PORT, help="TCP port; 0 = any free port")
     live.add_argument(
         "--serve-mc", choices=FRAMES, default=None, help="serve the MC protocol: frames 1E (FX3U), or 3E and 4E (FX5U)"
     )
-    live.add_argument("--mc-port", type=int, default=DEFAULT_MC_PORT, help="TCP port; 0 = any free port")
+    live.add_argument("--mc-port", type=PORT, default=DEFAULT_MC_PORT, help="TCP port; 0 = any free port")
     live.add_argument(
         "--serve-port", default=None, metavar="DEVICE", help="serve the programming port on a serial line, 9600 7E1"
     )
     live.add_argument("--host", default="127.0.0.1", help="address to listen on")
     live.add_argument("--allow-remote", action="store_true", help="permit an address that other computers can reach")
-    live.add_argument("--scan-ms", type=int, default=10, help="scan period, ms; M8039 and D8039 can make it longer")
-    live.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
     live.add_argument(
-        "--pace", type=int, default=100, metavar="PERCENT", help="speed of time: 100 = real time, 65535 = fastest"
+        "--scan-ms", type=integer(1, 1_000), default=10, help="scan period, ms; M8039 and D8039 can make it longer"
+    )
+    live.add_argument(
+        "--input-filter-ms", type=integer(0, LONGEST_FILTER_MS), default=10, help="input filter of X0-X17, ms; 0 = off"
+    )
+    live.add_argument(
+        "--pace",
+        type=integer(1, FASTEST, also=FLAT_OUT),
+        default=100,
+        metavar="PERCENT",
+        help="speed of time: 100 = real time, 65535 = fastest",
     )
 
 
@@ -75,22 +84,9 @@ def run_live_program(options: argparse.Namespace) -> int:
     Raises:
         InputError: The program or an option is invalid.
     """
-    for name, (least, most) in _LIMITS.items():
-        value = getattr(options, name)
-        if not least <= value <= most:
-            raise InputError(f"--{name.replace('_', '-')} {value}: must be {least} to {most}")
     ladder, peripherals = load_ladder(options.file, cpu_of(options)), peripherals_of(options)
-    try:
-        pace = Pace(options.pace)
-        plc = FxPlc(
-            ladder, input_filter_ms=options.input_filter_ms, execution=fastest_execution, peripherals=peripherals
-        )
-    except PaceError as error:
-        raise InputError(f"--pace: {error}") from error
-    except InputError:  # a part of the program that the engine does not support
-        raise
-    except ValueError as error:
-        raise InputError(f"--input-filter-ms: {error}") from error
+    pace = Pace(options.pace)
+    plc = FxPlc(ladder, input_filter_ms=options.input_filter_ms, execution=fastest_execution, peripherals=peripherals)
     live = LivePlc(plc)
     stop: StopRequest = options.stop
     stop.collect()

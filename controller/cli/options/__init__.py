@@ -1,0 +1,1 @@
+"""Options of the commands that need an extra, in modules that import none."""

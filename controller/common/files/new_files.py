@@ -1,0 +1,24 @@
+"""Files of a start, which leaves none of them behind if it fails."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class NewFiles:
+    """Files and their folders that do not exist before a start."""
+
+    def __init__(self, paths: Iterable[Path]) -> None:
+        """Note which of the files and of their folders are absent."""
+        paths = list(paths)
+        self._files = [path for path in paths if not path.exists()]
+        self._folders = {path.parent for path in paths if not path.parent.exists()}
+
+    def remove(self) -> None:
+        """Remove the noted files, and the noted folders that are empty."""
+        for path in self._files:
+            path.unlink(missing_ok=True)
+        for folder in self._folders:
+            if folder.is_dir() and not any(folder.iterdir()):
+                folder.rmdir()

@@ -1,0 +1,62 @@
+"""Settings that several commands make of their options: machine, faults, end of a trial."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from controller.common.errors import InputError
+from plant_sim.faults import Fault, parse_fault
+from plant_sim.machine.parameters import Machine, load_machine
+from plant_sim.machine.stored_air import parse_share
+from plant_sim.twin.ending.rule import EndingRule, default_max_ms
+
+
+def machine_of(options: argparse.Namespace) -> Machine:
+    """Return the parameters of the machine; print a warning for each that is outside the ratings of its component.
+
+    The options for the air and for the planting frequency replace a parameter, if the command has them.
+
+    Raises:
+        InputError: The file is invalid, or ``--air`` is.
+    """
+    machine = load_machine(options.machine)
+    per_min: float | None = getattr(options, "planting_frequency", None)
+    if per_min is not None:
+        machine = machine.with_values({"cups.planting_frequency_per_min": per_min})
+    air: str | None = getattr(options, "air", None)
+    if air is not None:
+        try:
+            machine = machine.with_values({"start.chamber_share": parse_share(air)})
+        except ValueError as error:
+            raise InputError(f"--air {error}") from None
+    return warn_of_ratings(machine)
+
+
+def warn_of_ratings(machine: Machine) -> Machine:
+    """Print a warning for each parameter outside the ratings; return the machine."""
+    for warning in machine.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    return machine
+
+
+def faults_of(options: argparse.Namespace) -> list[Fault]:
+    """Return the faults to inject.
+
+    Raises:
+        FaultError: A fault is malformed or impossible.
+    """
+    return [parse_fault(text) for text in options.fault]
+
+
+def max_ms_of(options: argparse.Namespace) -> int | None:
+    """Return the longest machine time of a trial, ms; None = the default."""
+    max_s: int | None = options.max_s
+    return None if max_s is None else 1_000 * max_s
+
+
+def rule_of(options: argparse.Namespace, trays: int) -> EndingRule:
+    """Return the rule by which a trial in one process ends; nobody can answer there."""
+    max_ms = max_ms_of(options)
+    waits: bool = options.wait
+    return EndingRule(default_max_ms(trays) if max_ms is None else max_ms, lambda: waits)

@@ -1,0 +1,11 @@
+"""Files and port of the delivered plant, which options show without importing it."""
+
+from pathlib import Path
+from typing import Final
+
+DEFAULT_MACHINE: Final = Path(__file__).parents[1] / "machine.yaml"
+"""Parameters of the delivered machine."""
+DEFAULT_PLANTER: Final = Path(__file__).parents[1] / "planter.yaml"
+"""Parameters of the chain planter."""
+DEFAULT_PORT: Final = 5020
+"""TCP port of the Modbus server of the plant."""
