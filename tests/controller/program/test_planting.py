@@ -11,6 +11,7 @@ from controller.export.instruction_list import acting, export
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.check import MOST_STEPS, usage
 from controller.program.machine import build
+from controller.program.memory import lose
 from controller.program.planting import GROUND_GAP_MS, WARNING_MS
 from controller.program.states import State
 from plant_sim.machine.parameters import load_machine
@@ -292,7 +293,14 @@ def test_the_exported_planter_speed_is_equal_in_every_scan() -> None:
         seen.append(reference.read(speed))
 
     twin = Twin(io_map=BOTH, trays=1)
+    for plc in (reference, twin.plc):
+        lose(machine.tags, plc)  # the memory of the export has never been written
     twin.watch(compare)
+    twin.scan()
+    new = machine.tags.commands.new_machine
+    for plc in (reference, twin.plc):
+        plc.write(new, 1)
+    fx.memory.M[new.number] = True
     twin.home()
     twin.start()
     twin.run_for(10_000)
