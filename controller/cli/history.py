@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import IO, Final
 
 from controller.common.arguments.number_type import integer
+from controller.common.files.state_folder import state_folder
 from controller.core.clock import utc_ms
 from controller.history.export import WRITERS, write_parquet
 from controller.history.query import RowSelection, open_history, pages
 from controller.history.schema import TABLES, HistoryError
 from controller.history.summary import DayTotal, summary
-from controller.history.writer import DEFAULT_HISTORY
+from controller.history.writer import HISTORY_NAME
 
 FORMATS: Final = (*WRITERS, "parquet")
 DEFAULT_TABLE: Final = "events"
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file",
         type=Path,
         nargs="?",
-        default=DEFAULT_HISTORY,
+        default=state_folder() / HISTORY_NAME,
         metavar="FILE",
         help="history file",
     )

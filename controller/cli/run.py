@@ -20,6 +20,7 @@ from controller.cli.run_field import (
     wait_for_field,
 )
 from controller.cli.run_files import check_files, check_memory_file, memory_until_end
+from controller.cli.run_history import add_history_arguments
 from controller.cli.run_operator import (
     add_hmi_arguments,
     add_mitsubishi_arguments,
@@ -31,6 +32,7 @@ from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter, 
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION
+from controller.common.files.state_folder import state_folder
 from controller.common.modbus.io_map import IoMap
 from controller.common.real_time import (
     RealTimeError,
@@ -82,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "be empty) arrives within this time, the machine completes the cycle and holds; active after the first request "
         "or line (default: no timeout)",
     )
-    parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="retentive memory file")
+    parser.add_argument("--retain", type=Path, default=state_folder() / "retentive.json", help="retentive memory file")
     parser.add_argument(
         "--new-machine",
         action="store_true",
@@ -109,10 +111,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-console", action="store_true", help="do not read orders (one per line) from standard input"
     )
-    parser.add_argument(
-        "--history", type=Path, default=None, help="history file (default: history.sqlite in the folder of --retain)"
-    )
-    parser.add_argument("--no-history", action="store_true", help="do not record a history")
+    add_history_arguments(parser)
     parser.add_argument(
         "--simulated-time",
         action="store_true",
@@ -158,7 +157,7 @@ def run(options: argparse.Namespace) -> int:
         print_places(plan, machine.io_map)
         return 0
     with ExitStack() as stack:
-        store, is_missing = stack.enter_context(memory_until_end(machine, plc, given, figures, options))
+        store = stack.enter_context(memory_until_end(machine, plc, given, figures, options))
         stack.callback(link.close)
         # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
         writer = stack.enter_context(writer_until_end(store, threaded=pace is None))
@@ -167,7 +166,7 @@ def run(options: argparse.Namespace) -> int:
         stack.enter_context(operator_interfaces(runtime, link, figures, pace, options))
         if isinstance(plc, CapturedPlc):
             stack.enter_context(_capture(plc, runtime, options))
-        if is_missing and not options.new_machine:
+        if store.missing and not options.new_machine:
             _report_no_memory(options.retain)
         if not wait_for_field(link, guard, stop):
             return 0

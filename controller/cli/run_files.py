@@ -8,9 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from controller.cli.run_operator import history_file
+from controller.cli.run_history import history_file
 from controller.common.errors import InputError
-from controller.common.files.database import PARTS
 from controller.common.files.lock import LOCK, FileLockError, lock_file, place_problem
 from controller.common.files.new_files import NewFiles
 from controller.core.expr import Word
@@ -40,8 +39,8 @@ def check_files(options: argparse.Namespace) -> None:
 @contextmanager
 def memory_until_end(
     machine: Transplanter, plc: Plc, given: dict[Word, int], figures: LoopFigures, options: argparse.Namespace
-) -> Iterator[tuple[FileStore, bool]]:
-    """Restore the retentive memory, apply the initial set-points, and lock the file; yield it, and if it is missing.
+) -> Iterator[FileStore]:
+    """Restore the retentive memory, apply the initial set-points, and lock the file; yield it.
 
     A start that fails before the first scan removes the files that it has created: with --new-machine, the next one
     would find a memory.
@@ -53,7 +52,7 @@ def memory_until_end(
         raise InputError(f"--retain {options.retain}: {error}") from error
     store = FileStore(options.retain)
     try:
-        is_missing = not _restore(machine, plc, store, new_machine=options.new_machine)
+        _restore(machine, plc, store, new_machine=options.new_machine)
         for word, value in given.items():
             plc.write(word, value)
         for name, (value, default) in machine.tags.sp.changed(plc.read).items():
@@ -65,7 +64,7 @@ def memory_until_end(
             store.confirm()
         except OSError as error:
             raise InputError(f"--retain {options.retain}: {error.strerror}; choose a writable file") from error
-        yield store, is_missing
+        yield store
     except InputError:
         if not figures.scans:
             files.remove()
@@ -75,10 +74,9 @@ def memory_until_end(
 
 
 def _start_files(options: argparse.Namespace) -> list[Path]:
-    """Return the files that a start creates before the first scan."""
+    """Return the files that a start creates before the first scan, except for those of the history."""
     capture = [] if options.capture is None else [options.capture]
-    endings = {options.retain: ("", MARK, LOCK), history_file(options): (*PARTS, LOCK)}
-    return [*capture, *(path.with_name(path.name + ending) for path, each in endings.items() for ending in each)]
+    return [*capture, *(options.retain.with_name(options.retain.name + ending) for ending in ("", MARK, LOCK))]
 
 
 def check_memory_file(options: argparse.Namespace) -> None:
@@ -100,8 +98,8 @@ def check_memory_file(options: argparse.Namespace) -> None:
             )
 
 
-def _restore(machine: Transplanter, plc: Plc, store: FileStore, *, new_machine: bool) -> bool:
-    """Restore the memory stored by the last run; return whether there is one, usable or not.
+def _restore(machine: Transplanter, plc: Plc, store: FileStore, *, new_machine: bool) -> None:
+    """Restore the memory stored by the last run.
 
     A missing, damaged, old or copied memory is reported as lost, unless the machine is declared as new; a file that
     cannot be used is renamed.
@@ -120,7 +118,7 @@ def _restore(machine: Transplanter, plc: Plc, store: FileStore, *, new_machine: 
                     file=sys.stderr,
                     flush=True,
                 )
-            return True
+            return
     except NewerStoreError:
         raise
     except ValueError as error:
@@ -131,6 +129,5 @@ def _restore(machine: Transplanter, plc: Plc, store: FileStore, *, new_machine: 
             raise InputError(f"--retain {store.path}: {refused.strerror}; choose a writable file") from refused
         print(f"{prefix}{error}; renamed to {' and '.join(map(str, asides))}", file=sys.stderr)
         lose(machine.tags, plc)
-        return True
+        return
     (declare_new if new_machine else lose)(machine.tags, plc)
-    return False

@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from controller.cli.run_history import recorded_history, report_history
 from controller.common.arguments.number_type import PORT
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.modbus.rtu import SerialLine
-from controller.core.clock import utc_ms
 from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmChange, AlarmList
 from controller.events.cycle_edges import CycleEdges
@@ -23,8 +23,6 @@ from controller.events.field_devices import FieldDevices, FieldReport
 from controller.events.kinds import Event
 from controller.events.production import ProductionLog
 from controller.events.writer import EventWriter, McServingEvent, OutputsEvent, ServingEvent
-from controller.history.schema import HistoryError
-from controller.history.writer import HistoryWriter
 from controller.hmi.access.server import HmiServer
 from controller.hmi.console import Console, ConsoleReader
 from controller.hmi.mitsubishi.mc import DEFAULT_PORT as DEFAULT_MC_PORT
@@ -36,7 +34,6 @@ from controller.hmi.serving.endpoints import Endpoint, TcpEndpoint, TcpSettings
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
-from controller.program.machine import Transplanter
 
 SWITCH_INTERVAL_S = 0.0005
 """Thread switch interval, s: maximum time that the scan waits for another thread; one tenth of Python's default."""
@@ -104,9 +101,8 @@ def operator_interfaces(
         runtime.observers.append(field)
         receivers: list[Callable[[Event | AlarmChange], None]] = [printer.write]
         edges = CycleEdges(machine)
-        history = _history(machine, edges, options)
+        history = stack.enter_context(recorded_history(machine, edges, figures, options))
         if history is not None:
-            stack.callback(history.close)
             receivers.append(history.write)
             runtime.observers.append(edges)
 
@@ -134,6 +130,8 @@ def operator_interfaces(
                 printer.write(McServingEvent(runtime.now_ms, port.port))
         if not options.no_console and sys.stdin is not None:  # None = closed by the parent process
             stack.enter_context(ConsoleReader(Console(runtime, alarms), sys.stdin.fileno()))
+        if history is not None:
+            report_history(history, options)
         yield
 
 
@@ -158,12 +156,6 @@ class _OutputReport:
         self._reported = taken, rival
 
 
-def history_file(options: argparse.Namespace) -> Path:
-    """Return the path of the history."""
-    path: Path = options.history or options.retain.with_name("history.sqlite")
-    return path
-
-
 def check_interfaces(runtime: Runtime, figures: LoopFigures, pace: Pace | None, options: argparse.Namespace) -> None:
     """Check addresses, certificates and lines of the servers, as a start does before it listens.
 
@@ -185,22 +177,6 @@ def check_interfaces(runtime: Runtime, figures: LoopFigures, pace: Pace | None, 
 
 def _has_server(options: argparse.Namespace) -> bool:
     return not options.no_hmi or options.mc is not None or options.fx_port is not None
-
-
-def _history(machine: Transplanter, edges: CycleEdges, options: argparse.Namespace) -> HistoryWriter | None:
-    if options.no_history:
-        return None
-    try:
-        return HistoryWriter(
-            history_file(options),
-            wall_ms=utc_ms,
-            program=machine.program.name,
-            version=version(),
-            edges_of=edges.of,
-            language=options.language,
-        )
-    except HistoryError as error:
-        raise InputError(f"--history: {error}") from error
 
 
 def _server(

@@ -59,6 +59,22 @@ class Parser(argparse.ArgumentParser):
         """Create a parser; the settings are those of `argparse.ArgumentParser`."""
         super().__init__(**{"formatter_class": HelpFormatter, "allow_abbrev": False, **settings})
 
+    @property
+    def arguments(self) -> tuple[argparse.Action, ...]:
+        """Options and positional arguments, in the order in which they were added."""
+        return tuple(self._actions)
+
+    @property
+    def subcommands(self) -> Mapping[str, Parser]:
+        """Parsers of the subcommands by name; empty without any."""
+        choices = (action.choices for action in self._actions if action.nargs == argparse.PARSER)
+        return cast("Mapping[str, Parser]", next(choices, {}))
+
+    @property
+    def fixed(self) -> frozenset[str]:
+        """Names of the settings that the parser makes without an argument for them."""
+        return frozenset(self._defaults).difference(action.dest for action in self._actions)
+
     def error(self, message: str) -> NoReturn:
         """Print the message and exit."""
         self.exit(USAGE_ERROR, f"{self.prog}: {message}; see --help\n")
@@ -130,8 +146,9 @@ class CommandLine:
         description: First line of the help text.
         commands: Commands by name.
         default: Command to run if the first argument is an option, or there is none.
-        services: Commands that run until they are stopped. Ctrl-C is their regular end, with exit code 0; they find the
-            request in ``options.stop``. Any other command is interrupted.
+        services: Commands that find the request to stop in ``options.stop``, from their first instruction: those that
+            run until they are stopped, and those that report what they have done. Any other command is interrupted.
+            ``options.command`` is the name.
     """
 
     package: str
@@ -205,7 +222,7 @@ class CommandLine:
             raise InputError(f"{self.prog}: unknown command {name}; {suggestion(name, self.commands, SEE_HELP)}")
         loaded = {"-h": {self.default}, "--help": {self.default}, COMPLETION: None}.get(name, {name})
         options = self.parser(loaded).parse_args(given)
-        options.stop = stop
+        options.command, options.stop = name, stop
         return cast("CommandModule", importlib.import_module(self.commands[name].module)).run(options)
 
 

@@ -22,6 +22,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "matplotlib": _PLANT,
     "numba": _PLANT,
     "numpy": _PLANT,
+    "pandas": ("studies", "cluster"),
     "prometheus_client": ("panel",),
     "pyarrow": ("parquet", "cluster"),
     "pymunk": _PLANT,

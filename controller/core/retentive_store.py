@@ -91,12 +91,14 @@ class FileStore:
         path: File with the values and mark A.
         mark_path: File with mark B, `<name>.mark` in the same folder.
         interrupted: True if the loaded memory is that of a run that did not end in order.
+        missing: True if nothing had been saved when the store was loaded.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.mark_path = path.with_name(path.name + MARK)
         self.interrupted = False
+        self.missing = False
         self._identity: str | None = None
         """Identity of the store; None until its files have been read."""
         self._generation = 0
@@ -114,6 +116,7 @@ class FileStore:
         if memory is None:
             if mark is not None and mark["generation"] != 0:
                 raise self._lost(self.path, f"missing, although {self.mark_path.name} exists")
+            self.missing = True
             self._adopt(secrets.token_hex(16), 0, UNCONFIRMED)
             return None
         values: dict[str, int] = memory["values"]
@@ -169,6 +172,7 @@ class FileStore:
         """Rename the files, so that a new store begins, and return their new paths."""
         asides = set_aside(self.path, ("", MARK))
         self._identity = None
+        self._adopt(secrets.token_hex(16), 0, UNCONFIRMED)
         return asides
 
     def _adopt(self, identity: str, generation: int, confirmed: int) -> None:

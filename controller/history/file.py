@@ -1,8 +1,8 @@
-"""History file: one SQLite database in WAL mode with a size limit.
+"""History file: one SQLite database in WAL mode with limits of size and age.
 
 Three quarters of the limit are reserved for the tables, a sixteenth for the write-ahead log (WAL), and the rest for
-growth by one batch of rows and for SQLite's index of the log. The oldest rows are deleted to make room for new ones,
-and their pages are reused.
+growth by one batch of rows and for SQLite's index of the log. The oldest rows are deleted to make room for new ones, or
+because of their age, and their pages are reused.
 """
 
 from __future__ import annotations
@@ -15,12 +15,19 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from controller.common.files.database import PARTS, is_damage, is_empty, number, read_only
-from controller.common.files.lock import FileLockError, lock_file, place_problem
+from controller.common.files.lock import FileInUseError, FileLockError, lock_file, place_problem
 from controller.common.files.set_aside import set_aside
-from controller.history.schema import TABLES, HistoryError, check_schema, create_statements
+from controller.history.schema import TABLES, HistoryError, HistoryInUseError, check_schema, create_statements
 
 MIN_LIMIT_BYTES: Final = 4_000_000
 """Smallest size limit, bytes."""
+LIMIT_BYTES: Final = 200_000_000
+"""Default size limit, bytes."""
+LIMIT_DAYS: Final = 90
+"""Default age limit, days."""
+DAY_MS: Final = 86_400_000
+AGE_CHECK_MS: Final = 3_600_000
+"""Time between two deletions of rows because of their age, ms of the wall clock."""
 BUSY_S: Final = 0.2
 """Longest wait for a reader, s; during the wait, rows are queued."""
 PRIMARY: Final = 0xFF
@@ -89,23 +96,29 @@ class HistoryFile:
         record_bytes: Maximum `HistoryRow.size_bytes` of a row, for which room is kept.
     """
 
-    def __init__(self, path: Path, limit_bytes: int) -> None:
+    def __init__(self, path: Path, limit_bytes: int, limit_days: int = LIMIT_DAYS) -> None:
         """Open or create the file for a new run; the first row appended must belong to the table `runs`.
 
         Args:
             path: Path of the file. A file that is damaged, incomplete or no history is renamed to ``<name>.damaged-N``
                 and reported in one log line.
             limit_bytes: Maximum size of the file and its write-ahead log, bytes.
+            limit_days: Maximum age of a row when another one is written, days of the wall clock.
 
         Raises:
-            HistoryError: The file is in use by another controller, has a newer schema or cannot be written.
+            HistoryInUseError: Another controller writes to the file.
+            HistoryError: The file has a newer schema or cannot be written.
         """
         if limit_bytes < MIN_LIMIT_BYTES:
             raise HistoryError(f"size limit {limit_bytes} bytes: must be at least {MIN_LIMIT_BYTES}")
         self.batch_bytes = limit_bytes // 64
         self.record_bytes = 3 * self.batch_bytes
+        self._limit_ms = limit_days * DAY_MS
+        self._aged_ms = -AGE_CHECK_MS
         try:
             self._lock = lock_file(path)
+        except FileInUseError as error:
+            raise HistoryInUseError(f"{path}: {error}") from error
         except FileLockError as error:
             raise HistoryError(f"{path}: {error}") from error
         try:
@@ -129,6 +142,8 @@ class HistoryFile:
             WalBusyError: The write-ahead log is full, and a reader prevents its checkpoint.
             RecordError: A row has a value that SQLite refuses, or is too large.
         """
+        if rows:
+            self._delete_old(rows[-1].utc_ms)
         self._make_room()
         with self._transaction():
             for id_, row in enumerate(rows, start=self._next_id):
@@ -198,16 +213,43 @@ class HistoryFile:
             True if a row was deleted.
         """
         before = self._db.total_changes
+        lowest, portion = self._oldest()
+        self._delete_before(lowest + portion)
+        return self._db.total_changes > before
+
+    def _delete_old(self, now_ms: int) -> None:
+        """Delete the rows that are older than the limit, oldest first, once an hour and at the first row of a run."""
+        if abs(now_ms - self._aged_ms) < AGE_CHECK_MS:
+            return
+        younger = [
+            self._db.execute(
+                f"SELECT id FROM {table} WHERE utc_ms >= ? ORDER BY id LIMIT 1",  # noqa: S608 - internal names
+                (now_ms - self._limit_ms,),
+            ).fetchone()
+            for table in _JOURNALS
+        ]
+        end = min((row[0] for row in younger if row is not None), default=self._next_id)
+        lowest, portion = self._oldest()
+        while lowest < end:
+            lowest = min(lowest + portion, end)
+            self._delete_before(lowest)
+            self._empty_wal()
+        self._aged_ms = now_ms
+
+    def _oldest(self) -> tuple[int, int]:
+        """Return the lowest id of a row, and 1/64 of the range of ids, which is deleted in one transaction."""
         bounds = [self._db.execute(f"SELECT min(id), max(id) FROM {table}").fetchone() for table in _JOURNALS]  # noqa: S608
         filled = [(lowest, highest) for lowest, highest in bounds if lowest is not None]
         lowest = min((low for low, _ in filled), default=self._next_id)
         highest = max((high for _, high in filled), default=self._next_id)
-        cut = lowest + max(1, (highest - lowest) // 64)
+        return lowest, max(1, (highest - lowest) // 64)
+
+    def _delete_before(self, id_: int) -> None:
+        """Delete the rows with lower ids, and the runs that have no rows left."""
         with self._transaction():
             for table in _JOURNALS:
-                self._db.execute(f"DELETE FROM {table} WHERE id < ?", (cut,))  # noqa: S608 - internal names
-            self._db.execute("DELETE FROM runs WHERE id < (SELECT max(id) FROM runs WHERE id <= ?)", (cut,))
-        return self._db.total_changes > before
+                self._db.execute(f"DELETE FROM {table} WHERE id < ?", (id_,))  # noqa: S608 - internal names
+            self._db.execute("DELETE FROM runs WHERE id < (SELECT max(id) FROM runs WHERE id <= ?)", (id_,))
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:

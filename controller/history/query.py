@@ -30,6 +30,30 @@ MAX_CYCLES: Final = 20_000
 """Maximum number of cycles in one answer with the times of cycles."""
 _LARGEST: Final = 2**63 - 1
 """Largest integer in SQLite."""
+ALARM: Final = "alarm"
+CYCLE: Final = "cycle"
+_RECORD: Final = (
+    "id",
+    "utc_ms",
+    "kind",
+    "number",
+    "text",
+    "detail",
+    "before",
+    "after",
+    "by_whom",
+    "side",
+    "cycle_ms",
+    "waiting_ms",
+    "missed_cups",
+)
+"""Columns of a record of events, alarms or cycles; `number` of a cycle is its row."""
+_OF_TABLES: Final[dict[str, dict[str, str]]] = {
+    "events": {},
+    "alarms": {"kind": f"'{ALARM}'"},
+    "cycles": {"kind": f"'{CYCLE}'", "number": "row", "text": "''"},
+}
+"""Values of a record that are not in a column of this name, by table; other columns that a table lacks are NULL."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +73,25 @@ class RowSelection:
     def contains(self, utc_ms: int) -> bool:
         """Return True if a wall-clock time is within the interval."""
         return (self.since_ms is None or utc_ms >= self.since_ms) and (self.until_ms is None or utc_ms < self.until_ms)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordFilter:
+    """Selection of events, alarm changes and cycles for a panel.
+
+    Attributes:
+        since_ms: Start of the wall-clock interval, ms, inclusive.
+        until_ms: End of the wall-clock interval, ms, exclusive.
+        kind: Kind of an event, `ALARM` or `CYCLE`; empty = all.
+        number: Number of an alarm, which selects its changes; None = all.
+        text: Part of the text, regardless of ASCII upper and lower case; empty = all.
+    """
+
+    since_ms: int = 0
+    until_ms: int = _LARGEST
+    kind: str = ""
+    number: int | None = None
+    text: str = ""
 
 
 class CycleTimes(NamedTuple):
@@ -197,6 +240,21 @@ class HistoryReader:
         """Return the newest operator actions, newest first; see `events` for the arguments."""
         return self._newest("audit", last, before_id)
 
+    def records(self, chosen: RecordFilter, last: int = 100, before_id: int | None = None) -> list[Record]:
+        """Return the newest events, alarm changes and cycles of a selection, newest first; see `events` for paging."""
+        query = " UNION ALL ".join(f"SELECT * FROM ({_newest_of(table)})" for table in _OF_TABLES)  # noqa: S608
+        query += " ORDER BY id DESC LIMIT :last"
+        values = _window(last, before_id) | {
+            "since": chosen.since_ms,
+            "until": chosen.until_ms,
+            "kind": chosen.kind,
+            "number": chosen.number,
+            "text": chosen.text,
+        }
+        with suppress(HistoryError), open_history(self._path) as db:
+            return [decoded(dict(zip(_RECORD, row, strict=True))) for row in db.execute(query, values)]
+        return []
+
     def last_cycle(self, side: Side) -> Record | None:
         """Return the last cycle of an arm with `edges` as a list of [ms, device, level]; None if there is none."""
         rows = self._read("cycles", "side = :side ORDER BY id DESC LIMIT 1", {"side": side})
@@ -220,15 +278,32 @@ class HistoryReader:
         return []
 
     def _newest(self, table: str, last: int, before_id: int | None) -> list[Record]:
-        before = _LARGEST if before_id is None else max(0, min(before_id, _LARGEST))
-        where = "id < :before ORDER BY id DESC LIMIT :last"
-        return self._read(table, where, {"before": before, "last": max(0, min(last, MAX_ROWS))})
+        return self._read(table, "id < :before ORDER BY id DESC LIMIT :last", _window(last, before_id))
 
-    def _read(self, table: str, where: str, values: dict[str, int | str]) -> list[Record]:
+    def _read(self, table: str, where: str, values: dict[str, int | str | None]) -> list[Record]:
         with suppress(HistoryError), open_history(self._path) as db:
             rows = db.execute(f"SELECT * FROM {table} WHERE {where}", values).fetchall()  # noqa: S608 - internal names
             return [decoded(dict(zip(TABLES[table], row, strict=True))) for row in rows]
         return []
+
+
+def _newest_of(table: str) -> str:
+    """Return the query for the newest records of a table; each table is read only as far as necessary."""
+    columns = ", ".join(
+        f"{_OF_TABLES[table].get(name) or (name if name in TABLES[table] else 'NULL')} AS {name}" for name in _RECORD
+    )
+    return f"""
+        SELECT * FROM (SELECT {columns} FROM {table})
+        WHERE id < :before AND utc_ms >= :since AND utc_ms < :until AND (:kind = '' OR kind = :kind)
+        AND (:number IS NULL OR (kind = '{ALARM}' AND number = :number))
+        AND (:text = '' OR instr(lower(text), lower(:text))) ORDER BY id DESC LIMIT :last
+        """  # noqa: S608 - internal names
+
+
+def _window(last: int, before_id: int | None) -> dict[str, int | str | None]:
+    """Return the values of a page of rows."""
+    before = _LARGEST if before_id is None else max(0, min(before_id, _LARGEST))
+    return {"before": before, "last": max(0, min(last, MAX_ROWS))}
 
 
 def decoded(record: Record) -> Record:

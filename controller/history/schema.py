@@ -55,6 +55,10 @@ class HistoryError(InputError):
     """Raised for a history that cannot be opened or exported; the message is one line with the remedy."""
 
 
+class HistoryInUseError(HistoryError):
+    """Raised for a history to which another controller writes."""
+
+
 def create_statements() -> list[str]:
     """Return the SQL statements that create an empty history."""
     statements = []

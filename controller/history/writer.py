@@ -8,12 +8,10 @@ larger than the limit, is dropped in the same way and does not block those behin
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -21,34 +19,19 @@ from typing import Final
 from controller.common.supervision.failures import drop, is_reported
 from controller.common.supervision.threads import supervised
 from controller.events.alarm_list import AlarmChange
-from controller.events.cycle_edges import Edge
-from controller.events.kinds import (
-    AlarmEvent,
-    CycleEvent,
-    Event,
-    ModeEvent,
-    NextPressEvent,
-    QuestionEvent,
-    RefusalEvent,
-    RowEvent,
-    StateEvent,
-    TrayEvent,
-)
-from controller.history.file import HistoryFile, HistoryRow, RecordError
+from controller.events.kinds import AlarmEvent, Event
+from controller.history.file import LIMIT_BYTES, LIMIT_DAYS, HistoryFile, HistoryRow, RecordError
+from controller.history.records import EdgesOf, external_text, json_text, values_of
 from controller.program.texts.operator import Language, Text
 
-DEFAULT_HISTORY: Final = Path("var/history.sqlite")
-"""Default file, in the folder of the retentive memory."""
-LIMIT_BYTES: Final = 200_000_000
-"""Default size limit, bytes."""
+HISTORY_NAME: Final = "history.sqlite"
+"""Default name of the file, in the folder of the retentive memory."""
 COMMIT_S: Final = 0.5
 """Longest time between a record and its commit, s; alarms and audit records are committed immediately."""
 BATCH_ROWS: Final = 500
 """Maximum number of rows per commit."""
 CLOSE_S: Final = 5.0
 """Timeout of the final write, s."""
-LONGEST_TEXT: Final = 1_000
-"""Maximum length of an external text, characters."""
 LOST: Final = Text(
     "{count} records lost: the history could not be written ({why})",
     "丢失 {count} 条记录：历史文件无法写入（{why}）",
@@ -56,8 +39,6 @@ LOST: Final = Text(
 SLOW: Final = Text("the disk is too slow", "磁盘太慢")
 
 _log = logging.getLogger(__name__)
-
-EdgesOf = Callable[[CycleEvent], Sequence[Edge]]
 
 
 class HistoryWriter:
@@ -77,6 +58,7 @@ class HistoryWriter:
         edges_of: EdgesOf = lambda _: (),
         language: Language = "en",
         limit_bytes: int = LIMIT_BYTES,
+        limit_days: int = LIMIT_DAYS,
         max_pending: int = 20_000,
     ) -> None:
         """Open the file and start a run.
@@ -89,13 +71,15 @@ class HistoryWriter:
             edges_of: Function that returns the edges of a cycle in the scan that ends it, such as `CycleEdges.of`.
             language: Language of the texts added by the writer; events already contain their texts.
             limit_bytes: Maximum size of the file including its write-ahead log, bytes.
+            limit_days: Maximum age of a row when another one is written, days of the wall clock.
             max_pending: Maximum number of queued rows; further rows are dropped and counted.
 
         Raises:
-            HistoryError: The file is in use by another controller, has a newer schema or cannot be written.
+            HistoryInUseError: Another controller writes to the file.
+            HistoryError: The file has a newer schema or cannot be written.
         """
         self.path = path
-        self._file = HistoryFile(path, limit_bytes)
+        self._file = HistoryFile(path, limit_bytes, limit_days)
         self._wall_ms = wall_ms
         self._edges_of = edges_of
         self._language: Language = language
@@ -128,7 +112,7 @@ class HistoryWriter:
         An `AlarmEvent` is ignored: the alarm list reports the same transitions, including operator actions.
         """
         if not isinstance(event, AlarmEvent):
-            table, values = self._values(event)
+            table, values = values_of(event, self._edges_of)
             self._put(HistoryRow(table, self._wall_ms(), event.at_ms, values), urgent=table == "alarms")
 
     def audit(self, peer: str, who: str, what: str, value: str, result: str, at_ms: int) -> None:  # noqa: PLR0917
@@ -142,7 +126,7 @@ class HistoryWriter:
             result: "done", or "refused: " followed by the reason.
             at_ms: Controller time, ms.
         """
-        texts = tuple(_clean(text) for text in (peer, who, what, value, result))
+        texts = tuple(external_text(text) for text in (peer, who, what, value, result))
         self._put(HistoryRow("audit", self._wall_ms(), at_ms, texts), urgent=True)
 
     def close(self) -> None:
@@ -151,53 +135,6 @@ class HistoryWriter:
             self._closing = True
             self._wake.notify_all()
         self._thread.join(CLOSE_S)
-
-    def _values(self, event: Event | AlarmChange) -> tuple[str, tuple[str | int | None, ...]]:
-        """Return the table of an event and the values of the columns specific to that table."""
-        number: int
-        details: tuple[str, ...] = ()
-        match event:
-            case AlarmChange():
-                by = None if event.by is None else _clean(event.by)
-                return "alarms", (
-                    event.number,
-                    event.key,
-                    event.before.value,
-                    event.after.value,
-                    by,
-                    event.text,
-                    event.shelved_until_ms,
-                )
-            case CycleEvent():
-                edges = json.dumps(self._edges_of(event), separators=(",", ":"))
-                return "cycles", (
-                    event.side,
-                    event.row,
-                    event.cycle_ms,
-                    event.waiting_ms,
-                    event.missed_cups,
-                    event.gap_cause,
-                    edges,
-                )
-            case StateEvent():
-                number, details = event.state, ("reason",)
-            case RefusalEvent():
-                number, details = event.reason, ("command",)
-            case QuestionEvent():
-                number, details = int(event.active), ("question", "active")
-            case ModeEvent():
-                number = event.mode
-            case TrayEvent():
-                number = event.trays_done
-            case RowEvent():
-                number, details = event.rows, ("side",)
-            case NextPressEvent():
-                number = event.press
-            case _:
-                raise TypeError(f"no history table for {event}")
-        record = asdict(event)
-        detail = {name: record[name] for name in details if record[name] != ""}
-        return "events", (event.event, number, record.get("text", ""), _json(detail))
 
     def _put(self, row: HistoryRow, *, urgent: bool) -> None:
         with self._wake:
@@ -261,7 +198,7 @@ class HistoryWriter:
         at_ms = rows[-1].at_ms if rows else 0
         why = self._last_error or getattr(SLOW, self._language)
         text = getattr(LOST, self._language).format(count=count, why=why)
-        detail = _json({"lost": count, "why": why})
+        detail = json_text({"lost": count, "why": why})
         return HistoryRow("events", self._wall_ms(), at_ms, ("history", count, text, detail))
 
     def _drop(self) -> None:
@@ -274,7 +211,7 @@ class HistoryWriter:
         with self._wake:
             self._pending.remove(error.row)
             self._refused += 1
-            self._last_error = _clean(str(error))
+            self._last_error = external_text(str(error))
             self._drop()
         if is_reported(self._refused):
             _log.error("%s: %s; it is dropped (%d since the start)", self.path, error, self._refused)
@@ -282,17 +219,8 @@ class HistoryWriter:
     def _fail(self, error: Exception) -> None:
         with self._wake:
             first = self._error is None
-            self._error = self._last_error = _clean(str(error))
+            self._error = self._last_error = external_text(str(error))
         if first:
             _log.error(
                 "%s: %s; up to %d records are queued until it can be written", self.path, error, self._max_pending
             )
-
-
-def _clean(text: str) -> str:
-    """Return an external text, truncated and made encodable as UTF-8."""
-    return text[:LONGEST_TEXT].encode(errors="replace").decode()
-
-
-def _json(detail: dict[str, object]) -> str:
-    return json.dumps(detail, ensure_ascii=False, separators=(",", ":"))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from controller.common.declarations import DeclarationError
+from controller.common.suggestion import suggestion
 from controller.core.expr import Bit, Word
 from controller.program.areas import Area
 
@@ -66,6 +67,8 @@ overlap."""
 
 LONGEST_NUMBER: Final = 9
 """Maximum number of digits in a set-point value."""
+LIST: Final = "docs/reference/commands.md"
+"""Page with all set-points."""
 
 
 class SetPointError(ValueError):
@@ -222,7 +225,8 @@ class SetPoints:
             SetPointError: The set-point is unknown, or the value is not an integer or is out of range.
         """
         if name not in self.names():
-            raise SetPointError(f"unknown set-point {name!r}; known: {', '.join(self.names())}")
+            remedy = suggestion(name, self.names(), default=f"{LIST} lists all")
+            raise SetPointError(f"unknown set-point {name!r}; {remedy}")
         word: Word = getattr(self, name)
         lowest, highest = self.limits[word]
         if not text.isdecimal():

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 from pathlib import Path
 
 from controller.iomap.loader import load_io_map
+from plant_sim.cli.reproduce.origin import print_json, provenance_of
 from plant_sim.cli.settings import machine_of
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.scope.store import Recording
 from plant_sim.study.air_consumption import air_of
 from plant_sim.twin.trial import run_trial
@@ -26,8 +27,9 @@ def run(options: argparse.Namespace) -> int:
         IoMapError: The I/O map is invalid.
         MachineError: The machine parameters are invalid.
     """
+    provenance = provenance_of(options)
     if options.recording is not None:
-        _print(Recording(options.recording), as_json=options.json)
+        _print(Recording(options.recording), provenance, as_json=options.json)
         return 0
     machine = machine_of(options)
     with tempfile.TemporaryDirectory() as folder:
@@ -39,12 +41,15 @@ def run(options: argparse.Namespace) -> int:
             parameters=machine,
             record=path,
         )
-        _print(Recording(path), as_json=options.json)
+        _print(Recording(path), provenance, as_json=options.json)
     if report.reason:
         print(f"the trial did not complete: {report.reason}", file=sys.stderr)
     return 0 if report.completed else 1
 
 
-def _print(recording: Recording, *, as_json: bool) -> None:
+def _print(recording: Recording, provenance: Provenance, *, as_json: bool) -> None:
     report = air_of(recording)
-    print(json.dumps(report.record()) if as_json else report.text())
+    if as_json:
+        print_json(report.record(), provenance)
+    else:
+        print(report.text())

@@ -20,7 +20,9 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 from controller.common.output_streams import prepare_output_streams
 from controller.common.stop_request import interrupts_blocked
 from controller.common.supervision.threads import supervised
+from plant_sim.cli.reproduce.origin import provenance_of
 from plant_sim.cli.settings import machine_of
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.fault_matrix import air_report, report, rest_report
 from plant_sim.fault_matrix.air_report import AirResult
 from plant_sim.fault_matrix.cases import Subject, subjects
@@ -57,15 +59,18 @@ def run(options: argparse.Namespace) -> int:
         IoMapError: The I/O map is invalid.
         MachineError: The machine parameters are invalid.
     """
+    provenance = provenance_of(options)
     machine_of(options)  # prints warnings about ratings
     _check(options)
     setting = MatrixSetup(options.seed, options.trays, options.io_map, options.machine)
     if options.stored_air:
-        return _run_with_stored_air(options, setting)
-    return _run_at_rest(options, setting) if options.at_rest else _run_in_motion(options, setting)
+        return _run_with_stored_air(options, setting, provenance)
+    return (
+        _run_at_rest(options, setting, provenance) if options.at_rest else _run_in_motion(options, setting, provenance)
+    )
 
 
-def _run_in_motion(options: argparse.Namespace, setting: MatrixSetup) -> int:
+def _run_in_motion(options: argparse.Namespace, setting: MatrixSetup, provenance: Provenance) -> int:
     chosen = subjects(setting.twin().plant, options.fault, options.factors)
     if not chosen:
         raise FaultError("--times: no fault has another size within its range; specify other factors or faults")
@@ -75,30 +80,30 @@ def _run_in_motion(options: argparse.Namespace, setting: MatrixSetup) -> int:
     judged = not options.factors
     print((report.summary if judged else report.sizes_summary)(rows, time.perf_counter() - start_s))
     if folder is not None:
-        for path in (report.write_report if judged else report.write_sizes_report)(rows, folder):
+        for path in (report.write_report if judged else report.write_sizes_report)(rows, folder, provenance):
             print(path)
     return 1 if judged and any(row.findings for row in rows) else 0
 
 
-def _run_at_rest(options: argparse.Namespace, setting: MatrixSetup) -> int:
+def _run_at_rest(options: argparse.Namespace, setting: MatrixSetup, provenance: Provenance) -> int:
     chosen = selection(options.stops, options.fault)
     folder = _create_folder(options.out) if options.out is not None else None
     start_s = time.perf_counter()
     results = run_table(chosen, setting, every_ms=options.every, jobs=options.jobs)
     print(rest_report.summary(results, time.perf_counter() - start_s))
     if folder is not None:
-        for path in rest_report.write_report(results, folder):
+        for path in rest_report.write_report(results, folder, provenance):
             print(path)
     return 1 if any(result.findings for result in results) else 0
 
 
-def _run_with_stored_air(options: argparse.Namespace, setting: MatrixSetup) -> int:
+def _run_with_stored_air(options: argparse.Namespace, setting: MatrixSetup, provenance: Provenance) -> int:
     folder = _create_folder(options.out) if options.out is not None else None
     start_s = time.perf_counter()
     results = run_stored_air(setting, moments=options.moments, jobs=options.jobs)
     print(air_report.summary(results, time.perf_counter() - start_s))
     if folder is not None:
-        for path in air_report.write_report(results, folder):
+        for path in air_report.write_report(results, folder, provenance):
             print(path)
     return 1 if air_report.all_findings(results) else 0
 

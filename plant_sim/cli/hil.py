@@ -13,6 +13,7 @@ from typing import Final
 from controller.common.errors import InputError
 from controller.common.stop_request import INTERRUPTED
 from plant_sim.cli import connect, serve
+from plant_sim.cli.reproduce.origin import provenance_of
 from plant_sim.cli.serving import build
 from plant_sim.cli.settings import faults_of
 from plant_sim.hil.bench import Bench, ControllerSupply
@@ -85,6 +86,7 @@ class _Judgement:
 
     def __init__(self, options: argparse.Namespace) -> None:
         self._options = options
+        self._provenance = provenance_of(options)
         self._silent = False
         if options.random_operator and not options.lock_step_ms:
             raise InputError("--random-operator: only in lock step; add --lock-step-ms 10")
@@ -127,12 +129,19 @@ class _Judgement:
         """Write the reports and return the exit code."""
         options, results = self._options, self._run.results
         time_base = f"lock step, {options.lock_step_ms} ms" if options.lock_step_ms else "real time"
-        facts = (f"machine {options.machine}, seed {options.seed}, {options.trays} trays", time_base)
+        facts = (f"machine {options.machine.name}, seed {options.seed}, {options.trays} trays", time_base)
         timing = self.module.timing.lines()
         ended = f"{STOPPED}: no output was written for {options.wait_s} s" if self._silent else STOPPED
         about = ABOUT if self._run.is_complete else f"{ABOUT} ({ended})"
-        xml, html = junit(results, about=about), page(results, about=about, facts=[*facts, *timing], picture=self._draw)
-        print(summary(results), *write(options.out, xml, html), sep="\n")
+        xml = junit(results, about=about, provenance=self._provenance)
+        html = page(
+            results,
+            about=about,
+            facts=[*facts, *timing],
+            picture=self._draw,
+            provenance=self._provenance,
+        )
+        print(summary(results), *write(options.out, xml, html, self._provenance), sep="\n")
         if not self._run.is_complete:
             print(ended, file=sys.stderr)
             return 1 if self._silent else INTERRUPTED

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from plant_sim.cli.reproduce.origin import print_json, provenance_of
 from plant_sim.cli.settings import warn_of_ratings
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.machine.parameters import load_machine
 
 if TYPE_CHECKING:
@@ -24,12 +25,18 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         InputError: An option or a file is invalid.
     """
-    from plant_sim.line.command import result_of  # noqa: PLC0415 - imports the twin, which delays the help text
+    from plant_sim.line.command import line_result  # noqa: PLC0415 - imports the twin, which delays the help text
 
+    provenance = provenance_of(options)
     machine = warn_of_ratings(load_machine(options.machine))
-    write = None if options.out is None else _writer(options.out)
-    result = result_of(options.line, profile=options.profile, metres=options.metres, seed=options.seed, machine=machine)
-    print(json.dumps(result.record()) if options.json else result.text())
+    write = None if options.out is None else _writer(options.out, provenance)
+    result = line_result(
+        options.line, profile=options.profile, metres=options.metres, seed=options.seed, machine=machine
+    )
+    if options.json:
+        print_json(result.record(), provenance)
+    else:
+        print(result.text())
     if write is not None:
         paths = write(result)
         if not options.json:
@@ -37,9 +44,9 @@ def run(options: argparse.Namespace) -> int:
     return 0 if result.run.accounted else 1
 
 
-def _writer(out: Path) -> Callable[[LineResult], list[Path]]:
+def _writer(out: Path, provenance: Provenance) -> Callable[[LineResult], list[Path]]:
     """Check the folder before the run; return the function that writes the files of a result."""
     from plant_sim.line.write import check_folder, write_result  # noqa: PLC0415 - pyarrow and matplotlib are optional
 
     check_folder(out)
-    return lambda result: write_result(result, out)
+    return lambda result: write_result(result, out, provenance)

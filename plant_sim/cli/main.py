@@ -77,6 +77,11 @@ COMMAND_LINE = CommandLine(
             "plant_sim.cli.planter",
             options="plant_sim.cli.options.planter",
         ),
+        "reproduce": CommandEntry(
+            "compute a result again from its provenance and compare it, file by file",
+            "plant_sim.cli.reproduce.command",
+            options="plant_sim.cli.reproduce.options",
+        ),
         "docs": CommandEntry(
             "write the reference tables generated from the plant",
             "plant_sim.cli.docs",
@@ -84,7 +89,7 @@ COMMAND_LINE = CommandLine(
         ),
     },
     default="serve",
-    services=frozenset({"serve", "connect", "hil"}),
+    services=frozenset({"serve", "connect", "run", "trial", "hil"}),
 )
 
 

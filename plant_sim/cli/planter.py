@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from functools import partial
 from pathlib import Path
 
 from controller.common.errors import InputError
 from plant_sim.cli.options.planter import FIGURE_SPEEDS_KM_H, FREQUENCY_PER_MIN, REGIMES, SCHEME, SPEED_KM_H
+from plant_sim.cli.reproduce.origin import print_json, provenance_of
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.planter.fall_report import FallReport
 from plant_sim.planter.falls import stored_table, write_table
 from plant_sim.planter.motion import Motion
@@ -33,6 +34,7 @@ def run(options: argparse.Namespace) -> int:
         FigureError: The figure cannot be written.
     """
     _check(options)
+    provenance = provenance_of(options)
     planter = load_planter(options.planter)
     ranges = load_ranges(options.planter)
     if options.falls is not None:
@@ -48,11 +50,14 @@ def run(options: argparse.Namespace) -> int:
     release_deg = planter.chain.release_deg if options.release is None else options.release
     report = MotionReport(motion, release_deg, assumed_names(options.planter))
     if options.plot is not None:
-        _draw(report, planter, options.plot, options.figure)
+        _draw(report, planter, options.plot, options.figure, provenance)
     stored = {ground: stored_table(planter, ranges, ground) for ground in Ground}
     tables = {ground: table for ground, table in stored.items() if table is not None}
     falls = FallReport(planter, motion, release_deg, tables)
-    print(json.dumps(report.record() | falls.record()) if options.json else report.text(falls.lines()))
+    if options.json:
+        print_json(report.record() | falls.record(), provenance)
+    else:
+        print(report.text(falls.lines()))
     return 0
 
 
@@ -82,10 +87,11 @@ def _print_progress(ground: Ground, done: int, total: int) -> None:
     sys.stderr.flush()
 
 
-def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None) -> None:
+def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None, provenance: Provenance) -> None:
     """Draw a figure of the paper, or the motion of the report if `figure` is None."""
     from plant_sim.common.figure_style import drawing, save_as  # noqa: PLC0415
     from plant_sim.planter.drawing import animation  # noqa: PLC0415
+    from plant_sim.planter.drawing.gif import write_comment  # noqa: PLC0415
     from plant_sim.planter.drawing.paths import motion_figure, regimes_figure  # noqa: PLC0415
     from plant_sim.planter.drawing.scheme import Scheme  # noqa: PLC0415
 
@@ -98,22 +104,24 @@ def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None
     )
     with drawing():
         if figure in FIGURE_SPEEDS_KM_H:
-            _draw_process(report, planter, path, title)
+            _draw_process(report, planter, path, title, provenance)
         elif figure == SCHEME and is_gif:
             animation.write_scheme_animation(chain, path, model=model)
         elif figure == SCHEME:
-            save_as(Scheme(chain, model).figure, path)
+            save_as(Scheme(chain, model).figure, path, provenance)
         elif figure == REGIMES and is_gif:
             animation.write_regimes_animation(chain, path, frequency_per_min=frequency_per_min, model=model)
         elif figure == REGIMES:
-            save_as(regimes_figure(chain, frequency_per_min=frequency_per_min, model=model), path)
+            save_as(regimes_figure(chain, frequency_per_min=frequency_per_min, model=model), path, provenance)
         elif is_gif:
             animation.write_animation(motion, path, title=title)
         else:
-            save_as(motion_figure(motion, title=title), path)
+            save_as(motion_figure(motion, title=title), path, provenance)
+    if is_gif:
+        write_comment(path, provenance.text)
 
 
-def _draw_process(report: MotionReport, planter: Planter, path: Path, title: str) -> None:
+def _draw_process(report: MotionReport, planter: Planter, path: Path, title: str, provenance: Provenance) -> None:
     """Draw the simulated fall of a block onto rigid ground."""
     from plant_sim.common.figure_style import save_as  # noqa: PLC0415
     from plant_sim.planter.contact import FallFrame, drop  # noqa: PLC0415
@@ -124,4 +132,4 @@ def _draw_process(report: MotionReport, planter: Planter, path: Path, title: str
     if path.suffix == ".gif":
         write_process(frames, planter, path, title=title)
     else:
-        save_as(process_figure(frames, planter, title=title), path)
+        save_as(process_figure(frames, planter, title=title), path, provenance)

@@ -9,13 +9,18 @@ import sys
 from controller.common.errors import InputError
 from controller.common.stop_request import INTERRUPTED
 from controller.iomap.loader import load_io_map
+from plant_sim.cli.reproduce.origin import provenance_of
+from plant_sim.cli.reproduce.result_folder import result_folder
 from plant_sim.cli.settings import faults_of, machine_of, max_ms_of, rule_of
+from plant_sim.common.provenance.result_files import ResultFiles
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
+from plant_sim.twin.ending import rule
 from plant_sim.twin.live import LiveOptions, live_trial
 from plant_sim.twin.process import ChildError, LiveError
 from plant_sim.twin.progress import ProgressView
-from plant_sim.twin.report import TrialReport
+from plant_sim.twin.repeats import Repeats
+from plant_sim.twin.report import TrialReport, make_report
 from plant_sim.twin.trial import run_trial, show_progress
 
 
@@ -29,17 +34,16 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         InputError: An option or a file is invalid.
     """
-    _check_plant(options)
     if options.fast and options.keep:
         raise InputError("--keep: cannot be combined with --fast, which serves nothing; omit one of them")
     if options.fast:
         return _fast(options)
+    _plant(options)  # invalid files and faults are reported before any process is started
     try:
         return _live(options)
-    except KeyboardInterrupt:
-        if options.by_hand:  # stopped by the user who operates the machine: no trial has failed
-            return 0
-        raise
+    except KeyboardInterrupt:  # before the trial: plant and controller have been stopped
+        print(_not_begun(options).text(), flush=True)
+        return 0 if options.by_hand else INTERRUPTED  # a user who operates the machine has ended no trial
     except BrokenPipeError:  # also a ConnectionError, but caused by closed standard output
         raise
     except (LiveError, ConnectionError) as error:
@@ -49,14 +53,26 @@ def run(options: argparse.Namespace) -> int:
         return error.exit_code or 1
 
 
-def _check_plant(options: argparse.Namespace) -> None:
-    """Build the plant once, so that invalid files and faults are reported before any process is started."""
-    Plant(
+def _plant(options: argparse.Namespace) -> Plant:
+    """Return the plant as it is before the trial.
+
+    Raises:
+        InputError: A file or a fault is invalid.
+    """
+    return Plant(
         load_io_map(options.io_map),
         load_machine(options.machine),
         seed=options.seed,
         trays=options.trays,
         faults=faults_of(options),
+    )
+
+
+def _not_begun(options: argparse.Namespace) -> TrialReport:
+    """Return the report of a trial that was interrupted during the start of plant and controller."""
+    counts = _plant(options).counts()
+    return make_report(
+        seed=options.seed, counts=counts, events=[], reason=rule.INTERRUPTED, simulated_s=0.0, wall_s=0.0
     )
 
 
@@ -80,9 +96,12 @@ def _live(options: argparse.Namespace) -> int:
         max_ms=max_ms_of(options),
         waits=options.wait,
     )
-    with ProgressView() as view, live_trial(live, view) as trial:
+    provenance = provenance_of(options)
+    with ProgressView() as view, live_trial(live, view, options.stop) as trial:
         print(trial.panel, file=sys.stderr, flush=True)
-        report = trial.run()
+        with result_folder(options, provenance) as files:
+            report = trial.run()
+            _write(files, report)
         # The trial is complete: from here on, Ctrl-C ends the program with the exit code of the report.
         with contextlib.suppress(KeyboardInterrupt):
             print(report.text(), flush=True)
@@ -94,7 +113,8 @@ def _live(options: argparse.Namespace) -> int:
 
 def _fast(options: argparse.Namespace) -> int:
     io_map, machine, faults = load_io_map(options.io_map), machine_of(options), faults_of(options)
-    with ProgressView() as view:
+    provenance = provenance_of(options)
+    with ProgressView() as view, result_folder(options, provenance) as files:
         report = run_trial(
             seed=options.seed,
             trays=options.trays,
@@ -102,13 +122,22 @@ def _fast(options: argparse.Namespace) -> int:
             parameters=machine,
             faults=faults,
             record=options.record,
+            provenance=provenance,
             rule=rule_of(options, options.trays),
             stop=options.stop,
             language=options.language or "en",
             prepare=show_progress(view, options.trays),
         )
+        _write(files, report)
     print(report.text(), flush=True)
     return INTERRUPTED if options.stop.is_set() else _exit_code(report)
+
+
+def _write(files: ResultFiles | None, report: TrialReport) -> None:
+    if files is not None:
+        trials = Repeats([report])
+        files.json("trial.json", trials.untimed_record())
+        files.csv("trials.csv", *trials.table())
 
 
 def _exit_code(report: TrialReport) -> int:

@@ -7,6 +7,8 @@ import contextlib
 import json
 
 from controller.iomap.loader import load_io_map
+from plant_sim.cli.reproduce.origin import print_json, provenance_of
+from plant_sim.cli.reproduce.result_folder import result_folder
 from plant_sim.cli.settings import warn_of_ratings
 from plant_sim.machine.parameters import load_machine
 from plant_sim.scenario.file import find_scenario, load_scenario
@@ -21,13 +23,22 @@ def run(options: argparse.Namespace) -> int:
         InputError: An option or a file is invalid.
     """
     scenario = scenario_of(options)
+    provenance = provenance_of(options, seed=scenario.seed)
     warn_of_ratings(scenario.machine)
-    with contextlib.ExitStack() as stack:
-        report = run_scenario(
-            scenario,
-            prepare=lambda twin: stack.enter_context(recorded(twin, options.record, seed=scenario.seed)),
-        )
-    print(json.dumps(report.record(), default=str) if options.json else report.text())
+    with result_folder(options, provenance) as files:
+        with contextlib.ExitStack() as stack:
+            report = run_scenario(
+                scenario,
+                prepare=lambda twin: stack.enter_context(
+                    recorded(twin, options.record, seed=scenario.seed, provenance=provenance)
+                ),
+            )
+        if files is not None:
+            files.json("scenario.json", json.loads(json.dumps(report.record(), default=str)))
+    if options.json:
+        print_json(report.record(), provenance, default=str)
+    else:
+        print(report.text())
     return 0 if report.passed else 1
 
 

@@ -13,6 +13,7 @@ from controller.common.modbus.rtu import SerialLine
 from controller.common.real_time import claim_real_time, freeze_garbage, pin
 from controller.common.supervision.tasks import run_supervised
 from controller.iomap.loader import load_io_map
+from plant_sim.cli.reproduce.origin import provenance_of
 from plant_sim.cli.settings import faults_of, machine_of
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
@@ -125,6 +126,7 @@ def _recording(options: argparse.Namespace, module: IoModule, machine: Machine) 
         seed=options.seed,
         outputs=lambda: module.outputs,
         rows_per_group=LIVE_ROWS_PER_GROUP,
+        provenance=provenance_of(options),
     )
     with recorder:
         module.observers.append(recorder.sample)

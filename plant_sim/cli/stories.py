@@ -19,7 +19,10 @@ from controller.common.errors import InputError
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.verify.mutants.sample import mutants_of
+from plant_sim.cli.reproduce.origin import provenance_of
+from plant_sim.cli.reproduce.result_folder import result_folder
 from plant_sim.common.defaults import DEFAULT_MACHINE
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.fault_matrix.cases import Subject, part_of
 from plant_sim.fault_matrix.judge import expectation
 from plant_sim.faults import FAULTS
@@ -47,6 +50,8 @@ def run(options: argparse.Namespace) -> int:
         MachineError: The machine parameters are invalid.
         InputError: A line does not name a mutant of the program, or an option is invalid.
     """
+    if options.out is not None and options.random is None and options.replay is None:
+        raise InputError("--out: only with --random and --replay; omit it")
     if options.undirected and options.random is None:
         raise InputError("--undirected: applies only with --random N")
     if options.replay is not None and options.random is not None:
@@ -80,15 +85,14 @@ def killers(options: argparse.Namespace, lines: Iterable[str]) -> Iterator[str]:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    story = parse_story(options.replay)
+    provenance, story = provenance_of(options), parse_story(options.replay)
     sighting = story_run(options).replay(story)
-    for line in sighting_lines(sighting):
-        print(line)
+    _tell(options, provenance, list(sighting_lines(sighting)))
     return int(sighting.of_story in FINDINGS)
 
 
 def _play_random(options: argparse.Namespace) -> int:
-    stories = story_run(options)
+    provenance, stories = provenance_of(options), story_run(options)
     columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("", total=options.random)
@@ -96,9 +100,17 @@ def _play_random(options: argparse.Namespace) -> int:
             stories.play(number)
             progress.update(task, advance=1)
         stories.minimise_findings(tell=lambda name: progress.update(task, description=f"minimising {name}"))
-    for line in stories.report.lines():
-        print(line)
+    _tell(options, provenance, list(stories.report.lines()))
     return int(bool(stories.report.findings))
+
+
+def _tell(options: argparse.Namespace, provenance: Provenance, lines: list[str]) -> None:
+    """Print the lines of a report and write them to the folder of the result, if there is one."""
+    with result_folder(options, provenance) as files:
+        if files is not None:
+            files.json("stories.json", {"report": lines})
+    for line in lines:
+        print(line)
 
 
 def story_run(options: argparse.Namespace) -> StoryRun:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from controller.cli.fx_options import cpu_of, peripherals_of
 from controller.common.errors import InputError
 from controller.common.stop_request import INTERRUPTED
 from controller.fx.language.cpu_model import FX2N
 from controller.iomap.loader import load_io_map
+from plant_sim.cli.reproduce.origin import print_json, provenance_of
+from plant_sim.cli.reproduce.result_folder import result_folder
 from plant_sim.cli.settings import faults_of, machine_of, rule_of
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.crop.seedling import TRAY_CELLS
 from plant_sim.twin.ladder.scan_timing import ScanTiming
 from plant_sim.twin.ladder.trial import LadderReport, ScanRow, load_ladder, run_ladder_trial, table
@@ -34,13 +36,21 @@ def run(options: argparse.Namespace) -> int:
         return _ladder_trial(options)
     if options.modules is not None or options.cpu != FX2N.key:
         raise InputError("--cpu and --modules: belong to an FX program; specify it with --ladder")
-    reports = _trials(options)
-    repeats = Repeats(reports)
+    provenance = provenance_of(options)
+    with result_folder(options, provenance) as files:
+        reports = _trials(options, provenance)
+        repeats = Repeats(reports)
+        if files is not None:
+            files.json("trial.json", repeats.untimed_record())
+            files.csv("trials.csv", *repeats.table())
     if options.csv:
-        print(repeats.csv(), end="")
+        print(repeats.csv(provenance), end="")
     else:
         shown = repeats if options.repeat > 1 else reports[0]
-        print(json.dumps(shown.record()) if options.json else shown.text())
+        if options.json:
+            print_json(shown.record(), provenance)
+        else:
+            print(shown.text())
     return _exit_code(options, succeeded=repeats.completed and repeats.accounted)
 
 
@@ -55,7 +65,7 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError("--record: a recording contains one trial; omit --repeat")
 
 
-def _trials(options: argparse.Namespace) -> list[TrialReport]:
+def _trials(options: argparse.Namespace, provenance: Provenance) -> list[TrialReport]:
     """Run the trials with consecutive seeds."""
     io_map, machine, faults = load_io_map(options.io_map), machine_of(options), faults_of(options)
     trays = options.trays if options.seedlings is None else -(-options.seedlings // TRAY_CELLS)
@@ -69,6 +79,7 @@ def _trials(options: argparse.Namespace) -> list[TrialReport]:
             parameters=machine,
             faults=faults,
             record=options.record,
+            provenance=provenance,
             rule=rule_of(options, trays),
             stop=options.stop,
         )
@@ -80,13 +91,23 @@ def _trials(options: argparse.Namespace) -> list[TrialReport]:
 
 def _ladder_trial(options: argparse.Namespace) -> int:
     _check_ladder(options)
-    reports = _ladder_reports(options)
+    provenance = provenance_of(options)
+    with result_folder(options, provenance) as files:
+        reports = _ladder_reports(options)
+        if files is not None:
+            files.json("trial.json", {"trials": [each.record() for _, of_timing in reports for each in of_timing]})
     if options.scan_ms is None or len(reports) == options.repeat == 1:
         ((_, (report,)),) = reports
-        print(json.dumps(report.record()) if options.json else report.text())
+        if options.json:
+            print_json(report.record(), provenance)
+        else:
+            print(report.text())
         return _exit_code(options, succeeded=report.completed)
     rows = [ScanRow(timing, each) for timing, each in reports if timing is not None]
-    print(json.dumps([row.record() for row in rows]) if options.json else "\n".join(table(rows)))
+    if options.json:
+        print_json({"scans": [row.record() for row in rows]}, provenance)
+    else:
+        print("\n".join(table(rows)))
     return _exit_code(options, succeeded=all(report.completed for row in rows for report in row.reports))
 
 

@@ -11,6 +11,7 @@ import matplotlib as mpl
 
 from controller.common.document.parts import Drawing
 from controller.common.errors import InputError
+from plant_sim.common.provenance.provenance import KEY, Provenance
 from plant_sim.common.whole_file import write_whole
 
 COLOURS: Final[Mapping[str, str]] = {
@@ -48,6 +49,8 @@ STYLE: Final[dict[Any, Any]] = {
 
 _METADATA: Final[Mapping[str, Mapping[str, None]]] = {".png": {"Software": None}, ".svg": {"Date": None}}
 """Metadata to omit, by file format."""
+_FIELDS: Final[Mapping[str, str]] = {".png": KEY, ".svg": "Description"}
+"""Field of the metadata that carries the provenance, by file format; SVG has none of its own for it."""
 
 
 class FigureError(InputError):
@@ -63,12 +66,13 @@ def drawing() -> Iterator[None]:
         yield
 
 
-def save(figure: Drawing, stem: Path) -> list[Path]:
+def save(figure: Drawing, stem: Path, provenance: Provenance | None = None) -> list[Path]:
     """Write a figure as PNG and as SVG; equal figures give identical bytes.
 
     Args:
         figure: Figure to write.
         stem: Path without suffix.
+        provenance: Provenance that the files carry.
 
     Returns:
         The two files.
@@ -78,15 +82,17 @@ def save(figure: Drawing, stem: Path) -> list[Path]:
     """
     paths = [stem.with_name(f"{stem.name}{ending}") for ending in _METADATA]
     for path in paths:
-        save_as(figure, path)
+        save_as(figure, path, provenance)
     return paths
 
 
-def save_as(figure: Drawing, path: Path) -> None:
+def save_as(figure: Drawing, path: Path, provenance: Provenance | None = None) -> None:
     """Write a figure as PNG or SVG, depending on the suffix; equal figures give identical bytes.
 
     Raises:
         FigureError: The file cannot be written.
     """
-    metadata = dict(_METADATA[path.suffix])
+    metadata: dict[str, str | None] = {**_METADATA[path.suffix]}
+    if provenance is not None:
+        metadata[_FIELDS[path.suffix]] = provenance.text
     write_whole(path, lambda part: figure.savefig(part, dpi=150, metadata=metadata), FigureError)

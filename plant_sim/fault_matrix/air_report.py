@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from controller.common.document.parts import Heading, Part, listing
 from controller.common.document.rendering import aligned
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.fault_matrix.stored_air import CONDITIONS, AirOutcome
 from plant_sim.fault_matrix.table_files import bullets, write_table
 
@@ -72,13 +73,15 @@ def records(results: Iterable[AirResult]) -> list[dict[str, object]]:
     return [_record(result) for result in results]
 
 
-def write_report(results: Sequence[AirResult], folder: Path) -> list[Path]:
+def write_report(results: Sequence[AirResult], folder: Path, provenance: Provenance | None = None) -> list[Path]:
     """Write the table to a folder; return the files.
 
     Raises:
-        OSError: The folder is not writable.
+        InputError: The folder is not writable.
     """
-    return write_table(folder / "stored-air", "Stored air", parts(results), records(results), COLUMNS)
+    return write_table(
+        folder / "stored-air", "Stored air", parts(results), records(results), COLUMNS, provenance=provenance
+    )
 
 
 def summary(results: Sequence[AirResult], wall_s: float) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from statistics import median
 
 from controller.common.document.parts import Heading, Part, listing
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.fault_matrix.cases import Subject
 from plant_sim.fault_matrix.expected import Expectation
 from plant_sim.fault_matrix.judge import complaints, expectation
@@ -197,24 +198,28 @@ def records(rows: Iterable[MatrixRow]) -> list[dict[str, object]]:
     return [_record(row.subject, outcome) for row in rows for outcome in row.outcomes]
 
 
-def write_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
+def write_report(rows: Sequence[MatrixRow], folder: Path, provenance: Provenance | None = None) -> list[Path]:
     """Write the matrix to a folder; return the files.
 
     Raises:
-        OSError: The folder is not writable.
+        InputError: The folder is not writable.
     """
-    return write_table(folder / "fault-matrix", "Fault matrix", parts(rows), records(rows), COLUMNS)
+    return write_table(
+        folder / "fault-matrix", "Fault matrix", parts(rows), records(rows), COLUMNS, provenance=provenance
+    )
 
 
-def write_sizes_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
+def write_sizes_report(rows: Sequence[MatrixRow], folder: Path, provenance: Provenance | None = None) -> list[Path]:
     """Write the matrix of other sizes to a folder; return the files.
 
     Raises:
-        OSError: The folder is not writable.
+        InputError: The folder is not writable.
     """
     title = "Fault matrix: other sizes"
     listed = [{name: value for name, value in record.items() if name in SIZES_COLUMNS} for record in records(rows)]
-    return write_table(folder / "fault-matrix-sizes", title, sizes_parts(rows), listed, SIZES_COLUMNS)
+    return write_table(
+        folder / "fault-matrix-sizes", title, sizes_parts(rows), listed, SIZES_COLUMNS, provenance=provenance
+    )
 
 
 def summary(rows: Sequence[MatrixRow], wall_s: float) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from controller.common.document.parts import Heading, Part, listing
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.fault_matrix.at_rest import RestOutcome
 from plant_sim.fault_matrix.rest_expected import complaints, expectation_at_rest
 from plant_sim.fault_matrix.situations import Situation
@@ -90,14 +91,16 @@ def records(results: Iterable[RestResult]) -> list[dict[str, object]]:
     return [_record(result) for result in results]
 
 
-def write_report(results: Sequence[RestResult], folder: Path) -> list[Path]:
+def write_report(results: Sequence[RestResult], folder: Path, provenance: Provenance | None = None) -> list[Path]:
     """Write the table to a folder; return the files.
 
     Raises:
-        OSError: The folder is not writable.
+        InputError: The folder is not writable.
     """
     title = "Fault matrix at rest"
-    return write_table(folder / "fault-matrix-at-rest", title, parts(results), records(results), COLUMNS)
+    return write_table(
+        folder / "fault-matrix-at-rest", title, parts(results), records(results), COLUMNS, provenance=provenance
+    )
 
 
 def summary(results: Sequence[RestResult], wall_s: float) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from controller.common.document.parts import Part
-from controller.common.document.rendering import csv_text, markdown, write_texts
+from plant_sim.common.provenance.provenance import Provenance
+from plant_sim.common.provenance.result_files import ResultFiles
 
 Record = Mapping[str, object]
 """One case as a flat record; a value may be a list of texts."""
@@ -30,25 +30,30 @@ def bullets(lines: Iterable[str]) -> str:
     return "\n".join(f"- {line}" for line in lines) or "None."
 
 
-def as_csv(records: Iterable[Record], columns: Sequence[str]) -> str:
-    """Return every case as one line of CSV; lists are separated by semicolons."""
-    return csv_text(columns, ([_cell(record[name]) for name in columns] for record in records))
+def cells(records: Iterable[Record], columns: Sequence[str]) -> list[list[object]]:
+    """Return the cells of every case in CSV; lists are separated by semicolons."""
+    return [[_cell(record[name]) for name in columns] for record in records]
 
 
 def write_table(
-    stem: Path, title: str, parts: Iterable[Part], records: Sequence[Record], columns: Sequence[str]
+    stem: Path,
+    title: str,
+    parts: Iterable[Part],
+    records: Sequence[Record],
+    columns: Sequence[str],
+    *,
+    provenance: Provenance | None,
 ) -> list[Path]:
     """Write a page with a table, and its cases, to the files of a stem; return the files.
 
     Raises:
-        OSError: The folder is not writable.
+        InputError: The folder is not writable.
     """
-    texts = {
-        ".md": markdown(title, parts, is_literal=False),
-        ".csv": as_csv(records, columns),
-        ".json": json.dumps(records, indent=1) + "\n",
-    }
-    return write_texts(stem.parent, {f"{stem.name}{ending}": text for ending, text in texts.items()})
+    files = ResultFiles(stem.parent, provenance)
+    files.markdown(f"{stem.name}.md", title, parts, is_literal=False)
+    files.csv(f"{stem.name}.csv", columns, cells(records, columns))
+    files.json(f"{stem.name}.json", {"cases": records}, indent=1)
+    return files.finish()
 
 
 def _cell(value: object) -> object:

@@ -10,7 +10,7 @@ from collections.abc import Generator
 
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.procedure import Wait
-from plant_sim.twin.question_lamp import ANSWER_MS, LAMP, PAUSE_MS, PERIOD_MS, asked_arm, button_of
+from plant_sim.twin.ladder.question_lamp import ANSWER_MS, LAMP, PAUSE_MS, PERIOD_MS, asked_arm, button_of
 
 
 def has_lamp(bench: Bench) -> bool:

@@ -15,7 +15,7 @@ from plant_sim.hil.procedure import CaseError, NotRunError, Procedure, Wait
 from plant_sim.hil.reference import TRIAL_SEEDLINGS, TRIAL_TRAYS, TrialQuantities, excesses, most
 from plant_sim.hil.selection import EDGE, WORK
 from plant_sim.hil.situations import OutputSituation
-from plant_sim.twin.question_lamp import LAMP
+from plant_sim.twin.ladder.question_lamp import LAMP
 
 ROWS_OF_A_CYCLE: Final = 2
 FAULTS: Final = (

@@ -9,7 +9,7 @@ from typing import Final
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.cases import Case, home, run, shortage_of_trays, stop_and_clear
 from plant_sim.hil.procedure import NotRunError, Procedure
-from plant_sim.twin.question_lamp import PERIOD_MS
+from plant_sim.twin.ladder.question_lamp import PERIOD_MS
 
 RANDOM: Final = "random operator"
 SHORT_MS: Final = (60, 1_800)

@@ -10,20 +10,22 @@ from plant_sim.line.planting import ChainPlanter
 from plant_sim.line.release import SPACINGS_M, forecasts
 from plant_sim.line.result import LineResult
 from plant_sim.line.run import run_line
-from plant_sim.machine.parameters import Machine
+from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.planter.falls import default_table
 from plant_sim.planter.scatter import Ground
 
 
-def result_of(name: str, *, profile: Path | None, metres: float, seed: int, machine: Machine) -> LineResult:
+def line_result(
+    name: str, *, metres: float, seed: int, profile: Path | None = None, machine: Machine | None = None
+) -> LineResult:
     """Run a line and return its result.
 
     Args:
         name: Name of an included line, or path of a line file.
-        profile: Ground file; None to use the ground of the line.
         metres: Length of each row, m.
         seed: Seed of all random numbers.
-        machine: Parameters of the machine that fills the cups.
+        profile: Ground file; None to use the ground of the line.
+        machine: Parameters of the machine that fills the cups; None = the defaults.
 
     Raises:
         LineError: A file is invalid, or no plant is planted.
@@ -41,7 +43,7 @@ def result_of(name: str, *, profile: Path | None, metres: float, seed: int, mach
         seed=seed,
         metres=metres,
         spacing_m=values.spacing,
-        run=run_line(values, metres=metres, seed=seed, machine=machine, planter=planter),
+        run=run_line(values, metres=metres, seed=seed, machine=machine or load_machine(), planter=planter),
         releases=() if planter is None else forecasts((*SPACINGS_M, values.spacing), planter, seed=seed),
         window=None if values.chute is None else values.chute.window,
         is_fed_by_arms=values.arms is not None,

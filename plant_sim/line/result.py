@@ -57,6 +57,13 @@ class LineResult:
     assumed: tuple[str, ...] = ()
     remarks: tuple[str, ...] = field(default=())
 
+    def __repr__(self) -> str:
+        quality = self.spacing.quality.text() if self.spacing.number else "unknown"
+        return (
+            f"<LineResult {self.title}, seed {self.seed}: rows {len(self.rows)} x {self.metres:g} m, {self.plants} "
+            f"plants, {self.plants_per_h:,.0f} plants/h, quality of feed {quality}>"
+        )
+
     @property
     def rows(self) -> tuple[PlantRow, ...]:
         """Rows of plants, left first."""

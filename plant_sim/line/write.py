@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import os
 from errno import EACCES, ENOENT, ENOTDIR
 from pathlib import Path
@@ -11,12 +9,12 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from plant_sim.common.figure_style import QUIET, drawing, save
-from plant_sim.common.whole_file import write_whole
+from plant_sim.common.figure_style import QUIET, drawing
+from plant_sim.common.provenance.provenance import Provenance
+from plant_sim.common.provenance.result_files import ResultFiles
 from plant_sim.line.errors import LineError
 from plant_sim.line.result import LineResult
 from plant_sim.line.row import NO_PLANT, Missing, PlantRow
@@ -61,12 +59,13 @@ def check_folder(out: Path) -> None:
         raise LineError(f"{out}: cannot be created ({os.strerror(number)}); specify another --out")
 
 
-def write_result(result: LineResult, out: Path) -> list[Path]:
+def write_result(result: LineResult, out: Path, provenance: Provenance | None = None) -> list[Path]:
     """Write ``plants.csv``, ``plants.parquet``, ``rows.png``, ``rows.svg`` and ``result.json``.
 
     Args:
         result: The result.
         out: Folder, which is created if it does not exist.
+        provenance: Provenance, which is also a file if there is one.
 
     Returns:
         The paths of the files.
@@ -79,14 +78,13 @@ def write_result(result: LineResult, out: Path) -> list[Path]:
         out.mkdir(exist_ok=True)
     except OSError as error:
         raise LineError(f"{out}: cannot be created ({error.strerror}); specify another --out") from None
-    csv_path, parquet_path, json_path = out / "plants.csv", out / "plants.parquet", out / "result.json"
-    write_whole(csv_path, lambda part: _write_csv(plants, part))
-    write_whole(parquet_path, lambda part: _write_parquet(plants, part))
-    record = json.dumps(result.record(), indent=2) + "\n"
-    write_whole(json_path, lambda part: part.write_text(record, encoding="utf-8"))
+    files = ResultFiles(out, provenance)
+    files.csv("plants.csv", COLUMNS, zip(*(plants.column(name).to_pylist() for name in COLUMNS), strict=True))
+    files.parquet("plants.parquet", plants)
     with drawing():
-        pictures = save(row_picture(result), out / "rows")
-    return [csv_path, parquet_path, *pictures, json_path]
+        files.picture("rows", row_picture(result))
+    files.json("result.json", result.record())
+    return files.finish()
 
 
 def plant_table(result: LineResult) -> pa.Table:
@@ -123,20 +121,6 @@ def _spacing_m(row: PlantRow) -> np.ndarray:
     planted = np.flatnonzero(row.planted)
     spacing_m[planted[1:]] = np.diff(row.position_m[planted])
     return spacing_m
-
-
-def _write_csv(plants: pa.Table, path: Path) -> None:
-    """Write the table with full precision; a missing value is an empty cell."""
-    columns = [plants.column(name).to_pylist() for name in COLUMNS]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        writer.writerows(zip(*columns, strict=True))
-
-
-def _write_parquet(plants: pa.Table, path: Path) -> None:
-    with path.open("wb") as file:  # Arrow encodes a path in UTF-8, which fails for the paths of another locale
-        pq.write_table(plants, file)
 
 
 def row_picture(result: LineResult) -> Figure:

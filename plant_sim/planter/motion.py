@@ -96,6 +96,12 @@ class Motion:
         arc_s, straight_s = math.pi / self.omega_rad_s, straight_m / self.chain_m_s
         self.starts_s = (0.0, arc_s, arc_s + straight_s, 2 * arc_s + straight_s, self.period_s)
 
+    def __repr__(self) -> str:
+        return (
+            f"<Motion, model {self.model}: {self.speed_m_s:g} m/s, {self.frequency_per_min:g} plants/min, spacing "
+            f"{1000 * self.spacing_m:.0f} mm, lambda {self.ratio:.3f}>"
+        )
+
     @property
     def ratio(self) -> float:
         """Ratio lambda of chain speed to machine speed; infinity if the machine is at rest. Source: equation 9."""

@@ -27,6 +27,9 @@ class MotionReport:
     release_deg: float
     assumed: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<MotionReport: {self.regime}, release at {self.release_deg:g} degrees, of {self.motion!r}>"
+
     @property
     def regime(self) -> Regime:
         """Regime of the ratio of chain speed to machine speed."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from plant_sim.common.figure_style import drawing, save
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.scope.errors import RecordingError
 from plant_sim.scope.store import Recording, RecordingWindow
 from plant_sim.scope.timing import default_tags, timing_diagram
@@ -17,7 +18,13 @@ _EVENT_COLUMNS = ("alarms", "faults")
 
 
 def plot(
-    recording: Recording, out: Path, window: RecordingWindow, *, side: str, tags: Sequence[str] | None
+    recording: Recording,
+    out: Path,
+    window: RecordingWindow,
+    *,
+    side: str,
+    tags: Sequence[str] | None,
+    provenance: Provenance | None = None,
 ) -> list[Path]:
     """Write the pictures of a window of a recording.
 
@@ -27,6 +34,7 @@ def plot(
         window: Window to plot.
         side: Arm whose steps and wires the timing diagram shows.
         tags: Names or patterns of the columns to plot; None for the default columns.
+        provenance: Provenance that the pictures carry.
 
     Returns:
         Written files: the timing diagram of boolean and text columns, and the trends of numeric columns, each as PNG
@@ -47,13 +55,13 @@ def plot(
             data = recording.read(list(dict.fromkeys([*lanes, *event_columns])), window)
             requested = () if tags is None else lanes
             figure = timing_diagram(data, recording.labels, f"{name}: timing, {span}", requested=requested)
-            written += save(figure, out / f"{name}-timing")
+            written += save(figure, out / f"{name}-timing", provenance)
         if panels:
             columns = [trace.column for panel in panels for trace in panel.traces]
             data = recording.read(list(dict.fromkeys([*columns, *event_columns])), window)
             shown = "positions and pressures" if tags is None else "selected tags"
             figure = trend_plot(panels, data, f"{name}: {shown}, {span}")
-            written += save(figure, out / f"{name}-trends")
+            written += save(figure, out / f"{name}-trends", provenance)
     return written
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from controller.common.modbus.io_map import IoMap
+from plant_sim.common.provenance.provenance import KEY, Provenance
 from plant_sim.machine.kernel import MACHINE
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
@@ -59,6 +60,7 @@ class Recorder:
         outputs: Callable[[], Sequence[bool]] | None = None,
         sample_ms: int = SAMPLE_MS,
         rows_per_group: int = ROWS_PER_GROUP,
+        provenance: Provenance | None = None,
     ) -> None:
         """Open a recording; no sample is taken yet.
 
@@ -72,6 +74,7 @@ class Recorder:
             outputs: Read function of the raw Y image; by default, that of the last plant step.
             sample_ms: Minimum plant time between two samples, ms.
             rows_per_group: Number of rows buffered and written together.
+            provenance: Provenance of the recording.
 
         Raises:
             RecordingError: The file cannot be created.
@@ -91,6 +94,7 @@ class Recorder:
             "parameters": asdict(machine),
             "make": numbers_of(plant.params),
             "versions": _versions(),
+            **({} if provenance is None else {KEY: provenance.record()}),
         }
         self._tags = {name: _Tag(read, []) for name, read in (*(tags or {}).items(), ("faults", self._faults))}
         self._times_ms: list[int] = []

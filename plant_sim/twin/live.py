@@ -17,7 +17,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from controller.common.stop_request import INTERRUPTED
+from controller.common.stop_request import INTERRUPTED, StopRequest
 from controller.program.states import State
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.machine.parameters import load_machine
@@ -27,7 +27,7 @@ from plant_sim.twin.ending.attendance import has_open_page
 from plant_sim.twin.ending.reported import ReportedEvents
 from plant_sim.twin.ending.rule import EndingRule, Rest, TrialEnd, default_max_ms
 from plant_sim.twin.lock_step import CLEAR_MS, SCAN_MS
-from plant_sim.twin.operator import Operator, counts_of
+from plant_sim.twin.operator import PRESS_MS, Operator, counts_of
 from plant_sim.twin.process import ChildError, Interrupts, Process
 from plant_sim.twin.progress import ProgressView, progress_of
 from plant_sim.twin.report import TrialReport, make_report
@@ -87,14 +87,21 @@ class _EndedError(Exception):
 
 
 @contextmanager
-def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
+def live_trial(options: LiveOptions, view: ProgressView, stop: StopRequest | None = None) -> Iterator[LiveTrial]:
     """Run plant and controller for the duration of a `with` block; at its end the controller is stopped first.
+
+    Args:
+        options: Options.
+        view: View of the progress.
+        stop: Request to stop, which may have been made before; None = only signals from now on.
 
     Raises:
         ChildError: The plant could not start.
+        KeyboardInterrupt: The request to stop was made, or a signal arrived, during the start.
     """
     with ExitStack() as stack:
-        interrupts = stack.enter_context(Interrupts())
+        interrupts = stack.enter_context(Interrupts(stop))
+        interrupts.check()
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
         plant = stack.enter_context(Process("plant", _serve(options)))
         listening = plant.next_line(START_LIMIT_S)
@@ -262,14 +269,13 @@ class LiveTrial:
         return TrialEnd(None, "")
 
     def _operate(self) -> None:
-        operator = self._operator
         self._until(State.STOPPED)
         if not self._options.by_hand:
             if needs_confirmation(load_machine(self._options.machine)):
                 self._confirm_constants()
-            operator.press("start")
+            self._press("start")
             self._until(State.IDLE)
-            operator.press("start")
+            self._press("start")
         self._until(State.COMPLETE)
 
     def _last_telemetry(self) -> dict[str, float]:
@@ -318,10 +324,17 @@ class LiveTrial:
 
     def _confirm_constants(self) -> None:
         """Press the emergency stop, release it and clear, as the program requires if a machine constant differs."""
-        self._operator.press("emergency_stop")
+        self._press("emergency_stop")
         self._until(State.ABORTED)
-        self._operator.press("stop", for_ms=CLEAR_MS)
+        self._press("stop", for_ms=CLEAR_MS)
         self._until(State.STOPPED)
+
+    def _press(self, button: str, for_ms: int = PRESS_MS) -> None:
+        """Press a button; a rest without an alarm counts from the time at which the plant has been told."""
+        self._operator.press(button, for_ms=for_ms)
+        self._telemetry = self._operator.telemetry()
+        self._reported.acted(int(self._telemetry["time_ms"]))
+        self._noticed_ms = None
 
     def _follow(self, for_s: float) -> None:
         """Process the controller's events for `for_s` seconds."""

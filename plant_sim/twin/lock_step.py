@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 from controller.common.modbus.io_map import IoMap
 from controller.core.clock import SimulatedClock
-from controller.core.expr import Bit, Expr, any_of
+from controller.core.expr import Expr, any_of
 from controller.core.machine_code import MachineExecution
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc, PythonExecution
-from controller.events.kinds import AlarmEvent, CycleEvent, Event
+from controller.events.kinds import Event
 from controller.events.production import ProductionLog
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
@@ -31,6 +31,7 @@ from plant_sim.twin.commissioning import check_fit, default_io_map, default_para
 from plant_sim.twin.compiled_run import CompiledRun
 from plant_sim.twin.conditions import Interpreter, check_advances
 from plant_sim.twin.kernel import CHANGE, CONDITION
+from plant_sim.twin.readings import Readings
 from plant_sim.twin.watchers import Watched
 
 SCAN_MS = 10
@@ -64,7 +65,7 @@ class TwinSnapshot(NamedTuple):
     watchers: tuple[Any, ...]
 
 
-class Twin(Watched):
+class Twin(Watched, Readings):
     """Machine program and simulated plant in simulated time.
 
     Attributes:
@@ -108,14 +109,13 @@ class Twin(Watched):
             FaultError: A fault is not possible in this plant.
             MisfitError: The constants of the program do not fit the machine.
         """
-        super().__init__()
+        Watched.__init__(self)
         self.io_map = io_map or default_io_map()
         self.parameters = parameters or default_parameters()
         self.plant = Plant(self.io_map, self.parameters, seed=seed, trays=trays, faults=faults)
         self.module = IoModule(self.plant, self.io_map)
         self.machine: Transplanter = machine or program_of(self.io_map)
-        self._sequences = {sequence.name: sequence for sequence in self.machine.program.sequences()}
-        self._steps = [(bit.name, bit.number) for sequence in self._sequences.values() for bit, _ in sequence]
+        Readings.__init__(self)
         self.clock = SimulatedClock()
         self.events: list[Event] = []
         self.store = MemoryStore()
@@ -128,21 +128,6 @@ class Twin(Watched):
         self._releases: dict[str, int] = {}
         self._compiled: CompiledRun | None = None
         self.power_on()
-
-    @property
-    def plc(self) -> Plc:
-        """The PLC of the running controller."""
-        return self.runtime.plc
-
-    @property
-    def now_ms(self) -> int:
-        """Simulated time, ms."""
-        return self.clock.now_ms()
-
-    @property
-    def state(self) -> State:
-        """PackML state after the last scan."""
-        return State(self.plc.read(self.machine.tags.machine.state))
 
     def power_on(self) -> None:
         """Start the controller with its retentive memory."""
@@ -359,42 +344,6 @@ class Twin(Watched):
         self.run_for(200)
         self.press("start")
         self.run_until_state(State.EXECUTE, within_ms=1_000 + warning_ms(self.machine.tags))
-
-    def active_steps(self) -> list[str]:
-        """Return every active step as 'sequence: step'."""
-        active = self.plc.memory.S
-        return [name for name, number in self._steps if active[number]]
-
-    def step_of(self, sequence: str, step: str) -> Bit:
-        """Return the state that is on while a step is active."""
-        return self._sequences[sequence][step]
-
-    def in_step(self, sequence: str, step: str) -> bool:
-        """Return True if a step is active."""
-        return self.plc.memory.S[self.step_of(sequence, step).number]
-
-    def outputs(self) -> set[str]:
-        """Return the tags of the outputs that are on (logical state)."""
-        released = self.runtime.released
-        return {point.tag for point in self.io_map.outputs if point.active(released[point.number])}
-
-    def alarms(self) -> list[str]:
-        """Return the keys of the annunciators that are set, prefixed with the side, if any."""
-        active = [self.machine.alarms.of(number) for number in self.plc.annunciators()]
-        return [f"{alarm.side}: {alarm.key}" if alarm.side else alarm.key for alarm in active]
-
-    def cycles(self) -> list[CycleEvent]:
-        """Return the cycles completed so far."""
-        return [event for event in self.events if isinstance(event, CycleEvent)]
-
-    def alarm_events(self) -> list[AlarmEvent]:
-        """Return the alarm events (active and cleared) so far."""
-        return [event for event in self.events if isinstance(event, AlarmEvent)]
-
-    def situation(self) -> str:
-        """Return the time, state, active steps, outputs and alarms as one line for error messages."""
-        at = f"at {self.now_ms} ms {self.state.name}, steps {self.active_steps()}"
-        return f"{at}, outputs {sorted(self.outputs())}, alarms {self.alarms()}"
 
     def _release_buttons(self, now_ms: int) -> None:
         for button, until_ms in list(self._releases.items()):

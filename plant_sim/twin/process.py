@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from types import FrameType, TracebackType
 from typing import Self
 
+from controller.common.stop_request import StopRequest
 from controller.common.supervision.parent import Lifeline
 from controller.common.supervision.threads import supervised
 
@@ -127,13 +128,19 @@ class Process:
 
 
 class Interrupts:
-    """Handler of Ctrl-C and SIGTERM: raises `KeyboardInterrupt` once, and again at every `check`.
+    """Handler of Ctrl-C and SIGTERM: raises `KeyboardInterrupt` once, and at every `check` after a request to stop.
 
     The interpreter discards an exception raised in a destructor. The check makes sure that the request to stop is not
     lost. Further signals must not interrupt the stopping of the processes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, stop: StopRequest | None = None) -> None:
+        """Create a handler.
+
+        Args:
+            stop: Request to stop, which may have been made before; None = none.
+        """
+        self._stop = stop
         self._received = False
 
     def __enter__(self) -> Self:
@@ -147,8 +154,8 @@ class Interrupts:
             signal.signal(number, handler)
 
     def check(self) -> None:
-        """Raise `KeyboardInterrupt` if a signal was received."""
-        if self._received:
+        """Raise `KeyboardInterrupt` if a signal was received, or the request to stop was made."""
+        if self._received or (self._stop is not None and self._stop.is_set()):
             raise KeyboardInterrupt
 
     def _handle(self, number: int, frame: FrameType | None) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from controller.core.sequence import Sequence
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.twin.lock_step import Twin
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def recorded(twin: Twin, path: Path | None, *, seed: int) -> Iterator[None]:
+def recorded(twin: Twin, path: Path | None, *, seed: int, provenance: Provenance | None = None) -> Iterator[None]:
     """Record a twin, one row per scan, for the duration of the context.
 
     A row contains the inputs and decisions of the controller in one scan, and the state of the plant at that time.
@@ -24,6 +25,7 @@ def recorded(twin: Twin, path: Path | None, *, seed: int) -> Iterator[None]:
         twin: The twin; no other recorder may be attached to it.
         path: Path of the recording; None = no recording.
         seed: Seed of the plant.
+        provenance: Provenance that the recording carries.
 
     Raises:
         RecordingError: The file cannot be written.
@@ -41,6 +43,7 @@ def recorded(twin: Twin, path: Path | None, *, seed: int) -> Iterator[None]:
         seed=seed,
         tags=controller_tags(twin),
         outputs=lambda: twin.module.outputs,
+        provenance=provenance,
     ) as recorder:
         twin.watch(lambda _: recorder.sample())
         yield

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from statistics import fmean, stdev
 from typing import Any, Final
 
-from controller.common.document.rendering import csv_text
+from plant_sim.common.provenance.provenance import Provenance
+from plant_sim.common.provenance.result_files import csv_with_provenance
 from plant_sim.twin.report import TrialReport, success_intervals
 
 SHARES: Final = {"S": "in_cups", "F_p": "P", "F_d": "D", "F_t": "T"}
@@ -95,12 +96,21 @@ class Repeats:
         """Return trials and pooled result as one JSON object."""
         return {"trials": [report.record() for report in self.reports], "pooled": self.pooled()}
 
-    def csv(self) -> str:
-        """Return a header and one line per trial; the columns of the intervals are `S_low`, `S_high` and so on.
+    def untimed_record(self) -> dict[str, object]:
+        """Return `record` without the durations of the runs: equal trials give equal records."""
+        trials = [{name: each for name, each in report.record().items() if name != "wall_s"} for report in self.reports]
+        return {**self.record(), "trials": trials}
+
+    def csv(self, provenance: Provenance | None = None) -> str:
+        """Return `table` as CSV, with the provenance in the last column."""
+        return csv_with_provenance(*self.table(), provenance)
+
+    def table(self) -> tuple[list[str], list[list[object]]]:
+        """Return a header and one row per trial; the columns of the intervals are `S_low`, `S_high` and so on.
 
         The rates of an incomplete trial are left empty.
         """
-        rows = []
+        rows: list[list[object]] = []
         for report in self.reports:
             shares = [getattr(report, name) for name in SHARES]
             shares += [end for name in SHARES for end in report.intervals[name]]
@@ -108,7 +118,7 @@ class Repeats:
             counts, rest = ([getattr(report, name) for name in names] for names in (_COLUMNS, _REST))
             rows.append([*counts, *cells, *rest, report.completed])
         ends = [f"{name}_{end}" for name in SHARES for end in ("low", "high")]
-        return csv_text([*_COLUMNS, *SHARES, *ends, *_REST, "completed"], rows)
+        return [*_COLUMNS, *SHARES, *ends, *_REST, "completed"], rows
 
     def text(self) -> str:
         """Return the trials as a text table."""

@@ -121,6 +121,16 @@ class TrialReport:
     in_trays_untouched: int = 0
     in_trays_ploughed: int = 0
 
+    def __repr__(self) -> str:
+        return f"<TrialReport seed {self.seed}: {self._result()}, {self.simulated_s:.1f} s of machine time>"
+
+    def _result(self) -> str:
+        """Return the success, or the reason why there is none."""
+        if not self.completed:
+            return f"{self.in_cups} of {self.seedlings} seedlings in cups, did not complete: {self.reason}"
+        low, high = self.intervals["S"]
+        return f"{self.in_cups} of {self.seedlings} seedlings in cups, S {self.S:.1f} % ({low:.1f} to {high:.1f})"
+
     @property
     def completed(self) -> bool:
         """True if the machine reached Complete."""

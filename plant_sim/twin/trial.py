@@ -13,6 +13,7 @@ from controller.core.expr import any_of
 from controller.events.kinds import as_record
 from controller.program.states import State
 from controller.program.texts.operator import Language
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.crop.seedling import TRAY_CELLS
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import Machine
@@ -39,6 +40,7 @@ def run_trial(
     set_points: Mapping[str, int] | None = None,
     faults: Iterable[Fault] = (),
     record: Path | None = None,
+    provenance: Provenance | None = None,
     rule: EndingRule | None = None,
     stop: StopRequest | None = None,
     language: Language = "en",
@@ -56,8 +58,9 @@ def run_trial(
         set_points: Initial values of set-points, by name of `SetPoints`.
         faults: Faults of the plant.
         record: Path of a recording of the run; None = no recording.
+        provenance: Provenance that the recording carries.
         rule: Rule by which the trial ends; None = without an operator, and with the default time limit.
-        stop: Request to stop the trial, which the signals make from its begin; None leaves the signals unchanged.
+        stop: Request to stop the trial; None = none.
         language: Language of the events.
         prepare: Function that is called before the run, to register monitors.
 
@@ -86,9 +89,7 @@ def run_trial(
     trial = _Trial(twin, rule or EndingRule(default_max_ms(trays)), stop, ends_at_last=bool(in_last_tray))
     if prepare is not None:
         prepare(twin)
-    if stop is not None:
-        stop.collect()
-    with recorded(twin, record, seed=seed):
+    with recorded(twin, record, seed=seed, provenance=provenance):
         ending = trial.run()
     now_s = twin.now_ms / 1000
     return make_report(
@@ -122,14 +123,18 @@ class _Trial:
         twin = self._twin
         with suppress(NotReachedError):  # a machine that does not confirm rests with the alarm
             twin.confirm_constants()
-        twin.press("start")
+        self._press_start()
         ending = self._until(State.IDLE)
         if ending is None:
             twin.run_for(START_PAUSE_MS)
-            twin.press("start")
+            self._press_start()
             ending = self._until(State.COMPLETE)
         _read(self._twin, self.reported)
         return TrialEnd(None, "") if ending is None else ending
+
+    def _press_start(self) -> None:
+        self._twin.press("start")
+        self.reported.acted(self._twin.now_ms)
 
     def _until(self, state: State) -> TrialEnd | None:
         """Run until the machine is in a state; return the end of the trial if it comes first."""

@@ -140,6 +140,24 @@ _ROWS: Final = BenchmarkPart(
     measure=lazily("scripts.benchmark.rows:measure_rows"),
     figures={name: BenchmarkFigure(name, "s CPU", at_most=60) for name in ("cabbage", "pepper", "combined")},
 )
+_HISTORY: Final = BenchmarkPart(
+    name="history",
+    title="History",
+    explanation="An hour of production without a fault in simulated time, with a commit for each half second that has "
+    "an event, as in the controller; the figures are those of the hour times eight. *Written* is the total of the "
+    "write calls, to the write-ahead log and to the file; *to the disk* is what the kernel has counted for them, in "
+    "whole pages, if the current folder is on a disk.",
+    repetitions=1,
+    measure=lazily("scripts.benchmark.history:measure_history"),
+    figures={
+        "written": BenchmarkFigure("written in 8 h", "MB"),
+        "disk": BenchmarkFigure("to the disk in 8 h", "MB"),
+        "kept": BenchmarkFigure("growth of the file in 8 h", "MB"),
+        "commits": BenchmarkFigure("commits in 8 h"),
+        "rows": BenchmarkFigure("rows in 8 h"),
+        "cycles": BenchmarkFigure("cycles in 8 h"),
+    },
+)
 
 PARTS: Final = (
     _SCAN,
@@ -151,6 +169,7 @@ PARTS: Final = (
     _INSTRUCTIONS,
     _COMPILATION,
     _ROWS,
+    _HISTORY,
     *LIVE_PARTS,
 )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import Final
 
-from plant_sim.line.command import result_of
+from plant_sim.line.command import line_result
 from plant_sim.machine.parameters import load_machine
 
 LINES: Final = ("cabbage", "pepper", "combined")
@@ -19,6 +19,6 @@ def measure_rows(seed: int) -> dict[str, float]:
     times_s = {}
     for name in LINES:
         began_s = time.process_time()
-        result_of(name, profile=None, metres=METRES, seed=seed, machine=machine)
+        line_result(name, profile=None, metres=METRES, seed=seed, machine=machine)
         times_s[name] = time.process_time() - began_s
     return times_s

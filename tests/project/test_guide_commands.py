@@ -93,9 +93,11 @@ SLOW: Final = LONG | {
     '.venv/bin/python -m plant_sim faults --at-rest --fault stuck_on:slide_at_feed --stop "emergency stop" '
     '--stop "link lost"',
     ".venv/bin/python -m plant_sim faults --stored-air --trays 1 --out stored-air",
+    ".venv/bin/python -m plant_sim line cabbage --metres 10 --out my-row",
     ".venv/bin/python -m plant_sim line pepper --metres 100 --out my-row",
     ".venv/bin/python -m plant_sim plot var/trial.parquet",
     ".venv/bin/python -m plant_sim planter --figure 9 --plot var/planter.gif",
+    ".venv/bin/python -m plant_sim reproduce my-row --out my-row-again",
     ".venv/bin/python -m plant_sim serve --watchdog-ms 500",
     ".venv/bin/python -m plant_sim stories --random 50",
     ".venv/bin/python -m plant_sim stories --random 50 --undirected",
@@ -335,7 +337,7 @@ def check(name: str, commands: list[str], folder: Path, capsys: pytest.CaptureFi
                 json.loads(output)
 
 
-@pytest.mark.parametrize("name", one_in(5, BY_DEFAULT))
+@pytest.mark.parametrize("name", one_in(8, BY_DEFAULT))
 def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(name, BY_DEFAULT[name], folder, capsys)
 

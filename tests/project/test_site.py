@@ -42,6 +42,14 @@ def test_every_page_of_docs_is_built(site: Path) -> None:
     assert {"repository/index.html", "repository/CHANGELOG.html", "repository/CONTRIBUTING.html"} <= built
 
 
+def test_every_notebook_is_a_page_with_its_outputs_and_a_file(site: Path) -> None:
+    for path in (DOCS / "notebooks").glob("*.py"):
+        text = (site / f"notebooks/{path.stem}.html").read_text(encoding="utf-8")
+        assert f'href="{path.stem}.ipynb"' in text
+        assert "seedlings in cups" in text or "complete" in text
+        assert json.loads((site / f"notebooks/{path.stem}.ipynb").read_text(encoding="utf-8"))["nbformat"] == 4
+
+
 def test_the_index_finds_text_of_guides_and_sources(site: Path) -> None:
     entries = json.loads((site / "search/search_index.json").read_text(encoding="utf-8"))["docs"]
     places = {entry["location"].partition("#")[0] for entry in entries if "step ladder" in entry["text"]}

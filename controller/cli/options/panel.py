@@ -7,6 +7,8 @@ from pathlib import Path
 
 from controller.cli.machine import add_io_map
 from controller.common.arguments.number_type import PORT
+from controller.common.files.state_folder import state_folder
+from controller.history.writer import HISTORY_NAME
 from controller.program.texts.operator import LANGUAGES
 
 
@@ -27,13 +29,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--history",
         type=Path,
-        default=Path("var/history.sqlite"),
+        default=state_folder() / HISTORY_NAME,
         help="history written by the controller; the file may be missing",
     )
     parser.add_argument(
         "--trends",
         type=Path,
-        default=Path("var/panel-trends.sqlite"),
+        default=state_folder() / "panel-trends.sqlite",
         help="file of the trends of the last 24 h, written once a minute",
     )
     parser.add_argument("--host", default="127.0.0.1", help="address of the web server")
@@ -51,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=None,
         help="language of the page until its user selects one (default: the language of the browser)",
     )
-    parser.add_argument("--users", type=Path, default=Path("var/panel-users.json"), help="password file")
+    parser.add_argument("--users", type=Path, default=state_folder() / "panel-users.json", help="password file")
     add_io_map(parser)
     parser.add_argument("--allow-remote", action="store_true", help="permit an address that other computers can reach")
     parser.add_argument("--certificate", type=Path, default=None, help="certificate (PEM) for TLS")

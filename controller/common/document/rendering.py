@@ -81,8 +81,14 @@ def reference_table(heading: Iterable[str], *rows: Iterable[object]) -> str:
     return _markdown_table(listing(heading, rows), _without_bars, is_tight=True) + "\n"
 
 
-def html(title: str, parts: Iterable[Part]) -> str:
-    """Return a document as one HTML page that depends only on the pictures in the same folder."""
+def html(title: str, parts: Iterable[Part], *, meta: Mapping[str, str] | None = None) -> str:
+    """Return a document as one HTML page that depends only on the pictures in the same folder.
+
+    Args:
+        title: Title.
+        parts: Parts after the title.
+        meta: Contents of further meta elements by name.
+    """
     blocks = []
     for part in (Heading(title, 1), *parts):
         match part:
@@ -98,9 +104,10 @@ def html(title: str, parts: Iterable[Part]) -> str:
                 blocks.append(f"<figure>\n{image}\n<figcaption>{caption}</figcaption>\n</figure>")
             case str():
                 blocks.append(f"<p>{escape(part)}</p>")
+    named = "".join(f'<meta name="{escape(name)}" content="{escape(text)}">\n' for name, text in (meta or {}).items())
     head = (
         '<meta charset="utf-8">\n<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{_STYLE}</style>"
+        f"{named}<title>{escape(title)}</title>\n<style>\n{_STYLE}</style>"
     )
     body = "\n".join(blocks)
     return f'<!doctype html>\n<html lang="en">\n<head>\n{head}\n</head>\n<body>\n{body}\n</body>\n</html>\n'

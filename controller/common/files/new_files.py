@@ -13,12 +13,12 @@ class NewFiles:
         """Note which of the files and of their folders are absent."""
         paths = list(paths)
         self._files = [path for path in paths if not path.exists()]
-        self._folders = {path.parent for path in paths if not path.parent.exists()}
+        self._folders = {folder for path in paths for folder in path.parents if not folder.exists()}
 
     def remove(self) -> None:
         """Remove the noted files, and the noted folders that are empty."""
         for path in self._files:
             path.unlink(missing_ok=True)
-        for folder in self._folders:
+        for folder in sorted(self._folders, reverse=True):  # a folder comes after those that it contains
             if folder.is_dir() and not any(folder.iterdir()):
                 folder.rmdir()

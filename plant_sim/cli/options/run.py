@@ -12,6 +12,7 @@ from plant_sim.cli.options.shared import (
     add_frequency_argument,
     add_machine_arguments,
     add_network_arguments,
+    add_out_argument,
     add_record_argument,
 )
 
@@ -51,3 +52,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_fault_arguments(parser)
     add_ending_arguments(parser)
     add_record_argument(parser)
+    add_out_argument(parser, "trial.json and trials.csv")

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from controller.iomap.loader import DEFAULT_IO_MAP
-from plant_sim.cli.options.shared import SEED, add_record_argument
+from plant_sim.cli.options.shared import SEED, add_out_argument, add_record_argument
 from plant_sim.common.defaults import DEFAULT_MACHINE
 
 
@@ -20,3 +20,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=SEED, default=None, help="seed to use instead of the scenario's seed")
     add_record_argument(parser)
+    add_out_argument(parser, "scenario.json")

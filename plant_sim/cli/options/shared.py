@@ -74,7 +74,7 @@ def add_ending_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wait",
         action="store_true",
-        help="do not end the trial after 10 s of rest with an alarm or a question, but wait for an operator",
+        help="do not end the trial after 10 s of rest, as with an alarm or a question, but wait for an operator",
     )
 
 
@@ -86,6 +86,13 @@ def add_record_argument(parser: argparse.ArgumentParser) -> None:
         default=None,
         metavar="FILE",
         help="record all tags, positions, pressures and seedlings to a Parquet file (docs/scope.md)",
+    )
+
+
+def add_out_argument(parser: argparse.ArgumentParser, files: str) -> None:
+    """Add the option for the folder of a result, which `results_of` opens."""
+    parser.add_argument(
+        "--out", type=Path, default=None, metavar="DIR", help=f"folder for {files}, with their provenance"
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from controller.common.arguments.number_type import integer
 from controller.iomap.loader import DEFAULT_IO_MAP
-from plant_sim.cli.options.shared import SEED
+from plant_sim.cli.options.shared import SEED, add_out_argument
 from plant_sim.common.defaults import DEFAULT_MACHINE
 
 MOST_STORIES = 100_000
@@ -31,3 +31,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --random: draw every action uniformly, without regard to the coverage, for comparison",
     )
     parser.add_argument("--replay", default=None, metavar="STORY", help="play one random story, as a report prints it")
+    add_out_argument(parser, "stories.json, with --random and --replay")

@@ -13,6 +13,7 @@ from plant_sim.cli.options.shared import (
     add_fault_arguments,
     add_frequency_argument,
     add_machine_arguments,
+    add_out_argument,
     add_record_argument,
 )
 from plant_sim.common.capacity import MOST_SEEDLINGS
@@ -82,3 +83,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_fault_arguments(parser)
     add_ending_arguments(parser)
     add_record_argument(parser)
+    add_out_argument(parser, "trial.json and trials.csv")

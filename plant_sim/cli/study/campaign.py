@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import sys
 from typing import TYPE_CHECKING
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.cli.options.study import TIMEOUT_S
+from plant_sim.cli.reproduce.origin import provenance_of
 from plant_sim.cli.study.progress import study_progress
 from plant_sim.common.defaults import DEFAULT_MACHINE
+from plant_sim.common.provenance.provenance import Provenance
+from plant_sim.common.provenance.result_files import with_provenance
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.errors import StudyError
 
@@ -31,11 +35,13 @@ def run(options: argparse.Namespace) -> int:
 
     if options.out is None:
         raise StudyError("--out: is missing; specify the folder of the campaign")
+    provenance = provenance_of(options)
     engine = _engine(options)
     machine, io_map = load_machine(options.machine or DEFAULT_MACHINE), load_io_map(options.io_map or DEFAULT_IO_MAP)
     campaign = load_campaign(
         options.file, machine, io_map, trials=options.trials, seed=options.seed, seedlings=options.seedlings
     )
+    provenance = dataclasses.replace(provenance, seed=campaign.seed)
     for warning in ratings_exceeded(campaign.design.settings, machine):
         _notice(f"warning: {warning}")
     with study_progress("runs") as progress:
@@ -49,9 +55,10 @@ def run(options: argparse.Namespace) -> int:
                 shard_runs=options.shard or SHARD_RUNS,
                 progress=progress,
                 notice=_notice,
+                provenance=provenance,
             ),
         )
-    sys.stdout.write(_json(options, result) if options.json else _text(options, result))
+    sys.stdout.write(_json(options, result, provenance) if options.json else _text(options, result))
     return 0
 
 
@@ -93,7 +100,7 @@ def _text(options: argparse.Namespace, result: CampaignResult) -> str:
     )
 
 
-def _json(options: argparse.Namespace, result: CampaignResult) -> str:
+def _json(options: argparse.Namespace, result: CampaignResult, provenance: Provenance) -> str:
     record = {
         "campaign": str(options.file),
         "folder": str(options.out / "runs"),
@@ -103,4 +110,4 @@ def _json(options: argparse.Namespace, result: CampaignResult) -> str:
         "incomplete": result.incomplete,
         "files": result.files,
     }
-    return json.dumps(record, indent=2, ensure_ascii=False) + "\n"
+    return json.dumps(with_provenance(record, provenance), indent=2, ensure_ascii=False) + "\n"

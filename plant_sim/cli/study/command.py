@@ -9,9 +9,10 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from plant_sim.cli.reproduce.origin import provenance_of
 from plant_sim.cli.study import campaign
 from plant_sim.cli.study.progress import busy, study_progress
 from plant_sim.common.defaults import DEFAULT_MACHINE
@@ -63,11 +64,14 @@ def run(options: argparse.Namespace) -> int:
 
     if options.out is not None:
         check_folder(options.out)
+    provenance = provenance_of(options)
     study = entry.make(options)
-    sys.stdout.write(f"{study.json() if options.json else study.text()}\n")
+    if "seed" in entry.options and options.seed is None:
+        provenance = dataclasses.replace(provenance, seed=cast("int", study.record.get("seed", 1)))
+    sys.stdout.write(f"{study.json(provenance) if options.json else study.text()}\n")
     sys.stdout.flush()
     if options.out is not None:
-        for path in write(study, options.out):
+        for path in write(study, options.out, provenance):
             sys.stderr.write(f"{path}\n")
     return 0
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-from controller.common.document.rendering import write_texts
+from plant_sim.common.provenance.provenance import KEY, Provenance
+from plant_sim.common.provenance.result_files import ResultFiles
 from plant_sim.hil.bench_run import CaseResult, CaseVerdict
 
 _STYLE: Final = (
@@ -36,12 +37,18 @@ def summary(results: Sequence[CaseResult]) -> str:
     return ", ".join(f"{sum(each.verdict is verdict for each in results)} {verdict}" for verdict in CaseVerdict)
 
 
-def junit(results: Sequence[CaseResult], *, about: str) -> bytes:
-    """Return the results as JUnit XML with one suite for each group; times are in seconds of plant time."""
+def junit(results: Sequence[CaseResult], *, about: str, provenance: Provenance | None = None) -> bytes:
+    """Return the results as JUnit XML with one suite for each group; times are in seconds of plant time.
+
+    The provenance is a property of each suite.
+    """
     root = ElementTree.Element("testsuites", {"name": about, **_totals(results)})
     for group in dict.fromkeys(each.group for each in results):
         own = [each for each in results if each.group == group]
         suite = ElementTree.SubElement(root, "testsuite", {"name": group, **_totals(own)})
+        if provenance is not None:
+            properties = ElementTree.SubElement(suite, "properties")
+            ElementTree.SubElement(properties, "property", name=KEY, value=provenance.text)
         for each in own:
             seconds = f"{(each.to_ms - each.from_ms) / 1_000:.3f}"
             case = ElementTree.SubElement(suite, "testcase", classname=group, name=each.name, time=seconds)
@@ -72,7 +79,12 @@ def _totals(results: Sequence[CaseResult]) -> dict[str, str]:
 
 
 def page(
-    results: Sequence[CaseResult], *, about: str, facts: Iterable[str], picture: Callable[[CaseResult], str]
+    results: Sequence[CaseResult],
+    *,
+    about: str,
+    facts: Iterable[str],
+    picture: Callable[[CaseResult], str],
+    provenance: Provenance | None = None,
 ) -> str:
     """Return the results as one HTML page that contains its pictures.
 
@@ -81,6 +93,7 @@ def page(
         about: Title.
         facts: Lines on the controller, the link and the machine.
         picture: Function that returns the SVG text of a case.
+        provenance: Provenance of the results.
     """
     rows = "\n".join(
         f'<tr><td>{escape(each.group)}</td><td><a href="#case-{number}">{escape(each.name)}</a></td>'
@@ -95,15 +108,20 @@ def page(
         for number, each in enumerate(results)
         if each.verdict is not CaseVerdict.NOT_RUN
     )
-    lines = "".join(f"<li>{escape(fact)}</li>" for fact in (*facts, summary(results)))
+    origin = [] if provenance is None else [f"{name}: {value}" for name, value in provenance.table().rows]
+    lines = "".join(f"<li>{escape(fact)}</li>" for fact in (*facts, summary(results), *origin))
+    meta = "" if provenance is None else f'<meta name="{KEY}" content="{escape(provenance.text)}">'
     return (
-        f'<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8"><title>{escape(about)}</title>'
+        f'<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8">{meta}<title>{escape(about)}</title>'
         f"<style>{_STYLE}</style></head>\n<body>\n<h1>{escape(about)}</h1>\n<ul>{lines}</ul>\n"
         f"<table><tr><th>group</th><th>case</th><th>verdict</th><th>findings</th></tr>\n{rows}\n</table>\n"
         f"{pictures}\n</body>\n</html>\n"
     )
 
 
-def write(folder: Path, xml: bytes, html: str) -> list[Path]:
-    """Write ``hil.xml`` and ``hil.html`` to a folder, which is created; return their paths."""
-    return write_texts(folder, {"hil.xml": xml.decode(), "hil.html": html})
+def write(folder: Path, xml: bytes, html: str, provenance: Provenance) -> list[Path]:
+    """Write ``hil.xml`` and ``hil.html`` to a folder with their provenance; return the paths of all files."""
+    files = ResultFiles(folder, provenance)
+    files.text("hil.xml", xml.decode())
+    files.text("hil.html", html)
+    return files.finish()

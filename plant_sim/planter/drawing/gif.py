@@ -15,6 +15,8 @@ from plant_sim.common.whole_file import write_whole
 
 FRAMES_PER_S = 12
 DPI: Final = 90
+_BLOCK: Final = 255
+"""Longest block of a comment, bytes."""
 
 
 def frame_count(duration_s: float, *, slowed: float) -> int:
@@ -25,6 +27,19 @@ def frame_count(duration_s: float, *, slowed: float) -> int:
         slowed: Factor by which the animation is slower than the motion.
     """
     return max(2, round(duration_s * slowed * FRAMES_PER_S))
+
+
+def write_comment(path: Path, text: str) -> None:
+    """Add a comment to a GIF file.
+
+    Raises:
+        FigureError: The file cannot be written.
+    """
+    content, comment = path.read_bytes(), text.encode()
+    blocks = [comment[start : start + _BLOCK] for start in range(0, len(comment), _BLOCK)]
+    extension = b"".join(bytes([len(block)]) + block for block in blocks)
+    whole = content[:-1] + b"\x21\xfe" + extension + b"\x00" + content[-1:]
+    write_whole(path, lambda part: part.write_bytes(whole), FigureError)
 
 
 def write_gif(figure: Figure, show: Callable[[int], list[Artist]], frames: int, path: Path) -> None:

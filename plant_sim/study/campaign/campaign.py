@@ -14,6 +14,8 @@ from typing import Final, Self
 from filelock import FileLock, Timeout
 
 from controller.common.modbus.io_map import IoMap
+from plant_sim.common.provenance.provenance import Provenance
+from plant_sim.common.provenance.result_files import ResultFiles
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.campaign.file import Campaign
 from plant_sim.study.campaign.record import Record
@@ -41,6 +43,7 @@ class CampaignOptions:
         shard_runs: Maximum number of runs in a result file.
         progress: Callback with the number of stored runs and their total, at the start and after every run.
         notice: Callback with a message of one line.
+        provenance: Provenance that the files carry, with the effective seed.
     """
 
     folder: Path
@@ -50,6 +53,7 @@ class CampaignOptions:
     shard_runs: int
     progress: Progress
     notice: Notice
+    provenance: Provenance
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +88,7 @@ def run_campaign(campaign: Campaign, options: CampaignOptions) -> CampaignResult
     """
     version = code_version()
     plan = CampaignPlan(campaign, options.machine, options.io_map, version)
-    shards = ShardFolder(options.folder, version, shard_schema(campaign, version))
+    shards = ShardFolder(options.folder, version, shard_schema(campaign, version, options.provenance))
     with _locked(options.folder):
         stored = shards.scan(options.notice)
         found = sum(run.key in stored.keys for run in plan.runs())
@@ -95,6 +99,9 @@ def run_campaign(campaign: Campaign, options: CampaignOptions) -> CampaignResult
             )
         computed = _Computation(plan, shards, options, stored.keys, stored.incomplete)
         computed.run()
+        files = ResultFiles(options.folder, options.provenance, StudyError)
+        files.add(shards.files())
+        files.finish()
         return CampaignResult(len(shards.files()), version, campaign.runs, campaign.runs - found, computed.incomplete)
 
 

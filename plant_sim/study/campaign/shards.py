@@ -14,6 +14,7 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from plant_sim.common.provenance.provenance import KEY, Provenance
 from plant_sim.study.campaign.file import Campaign
 from plant_sim.study.campaign.record import COLUMNS, Record
 from plant_sim.study.errors import StudyError
@@ -37,12 +38,13 @@ _TYPES: Final = {
 }
 
 
-def shard_schema(campaign: Campaign, version: str) -> pa.Schema:
+def shard_schema(campaign: Campaign, version: str, provenance: Provenance | None = None) -> pa.Schema:
     """Return the columns of the result files of a campaign.
 
     Args:
         campaign: The campaign.
         version: Version of the program.
+        provenance: Provenance that the files carry.
     """
     design = campaign.design
     # in the order of their names, so that a level that becomes a fixed value does not change the columns
@@ -57,7 +59,8 @@ def shard_schema(campaign: Campaign, version: str) -> pa.Schema:
         *(_field(name, _TYPES[kind], unit) for name, (kind, unit) in COLUMNS.items()),
     ]
     about = {"format": _FORMAT, "version": version}
-    return pa.schema(fields, metadata={_ABOUT: json.dumps(about).encode()})
+    metadata = {_ABOUT: json.dumps(about)} | ({} if provenance is None else {KEY: provenance.text})
+    return pa.schema(fields, metadata=metadata)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ import hashlib
 import platform
 from collections.abc import Mapping
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
 import controller
 import plant_sim
-from controller.common.extras import DISTRIBUTION
+from plant_sim.common.provenance.content import package_version
 
 _SOURCES: Final[Mapping[Path, tuple[str, ...]]] = {
     Path(controller.__file__).parent: (
@@ -24,7 +24,7 @@ _SOURCES: Final[Mapping[Path, tuple[str, ...]]] = {
         "program/**/*.py",
     ),
     Path(plant_sim.__file__).parent: (
-        "common/*.py",
+        "common/**/*.py",
         "crop/*.py",
         "devices/*.py",
         "faults/*.py",
@@ -33,6 +33,7 @@ _SOURCES: Final[Mapping[Path, tuple[str, ...]]] = {
         "pneumatics/*.py",
         "study/campaign/record.py",
         "twin/*.py",
+        "twin/ending/*.py",
     ),
 }
 """Patterns of the sources that determine the results, by package."""
@@ -62,8 +63,4 @@ def code_version() -> str:
     for path in version_sources():
         content = path.read_bytes()
         digest.update(f"{path.name} {len(content)}\n".encode() + content)
-    try:
-        release = version(DISTRIBUTION)
-    except PackageNotFoundError:  # a checkout that is not installed
-        release = "unknown"
-    return f"{release}-{digest.hexdigest()[:16]}"
+    return f"{package_version()}-{digest.hexdigest()[:16]}"

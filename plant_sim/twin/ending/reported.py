@@ -17,6 +17,7 @@ Record = Mapping[str, Any]
 
 RESTS: Final = frozenset({State.STOPPED, State.IDLE, State.HELD, State.ABORTED})
 """States that only an operator ends; Suspended ends by itself."""
+UNEXPLAINED: Final = "without an alarm or a question"
 
 
 @cache
@@ -48,6 +49,8 @@ class ReportedEvents:
     questions: dict[str, str] = field(default_factory=dict)
     _away: set[str] = field(default_factory=set)
     _rests_since_ms: int | None = None
+    _is_explained: bool = False
+    _acted_ms: int = 0
 
     def apply(self, event: Record) -> None:
         """Update from one event."""
@@ -67,10 +70,16 @@ class ReportedEvents:
                 _note(self.alarms, event["number"], event)
             case "question":
                 _note(self.questions, event["question"], event)
-        if self.state not in RESTS or not (self.alarms or self.questions):
+        is_explained = bool(self.alarms or self.questions)
+        if self.state not in RESTS:
             self._rests_since_ms = None
-        elif self._rests_since_ms is None:
+        elif self._rests_since_ms is None or is_explained != self._is_explained:
             self._rests_since_ms = event["at_ms"]
+        self._is_explained = is_explained
+
+    def acted(self, at_ms: int) -> None:
+        """Note that the operator of the trial has pressed a button, which must show its effect."""
+        self._acted_ms = at_ms
 
     @property
     def are_back(self) -> bool:
@@ -84,9 +93,15 @@ class ReportedEvents:
 
     @property
     def rest(self) -> Rest | None:
-        """Rest with an alarm or a question; None if the machine does not rest, or has neither."""
+        """Rest of the machine; None if it does not rest.
+
+        Without an alarm or a question it counts from the last button that the operator of the trial has pressed.
+        """
         if self._rests_since_ms is None:
             return None
+        if not self._is_explained:
+            since_ms = max(self._rests_since_ms, self._acted_ms)
+            return Rest(since_ms, f"{self.english_state}, {UNEXPLAINED}")
         names = [alarm_name(number, text) for number, text in sorted(self.alarms.items())]
         return Rest(self._rests_since_ms, f"{self.english_state}: {'; '.join([*names, *self.questions.values()])}")
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 REST_LIMIT_MS: Final = 10_000
-"""Time for which a machine rests with an alarm or a question before a trial without an operator ends, ms."""
+"""Time for which a machine rests before a trial without an operator ends, ms."""
 HOMING_LIMIT_MS: Final = 60_000
 TRAY_LIMIT_MS: Final = 600_000
 """Time limit per tray, ms; at 20 plants per minute per row a tray takes 108 s."""
@@ -21,7 +21,7 @@ class Rest:
 
     Attributes:
         since_ms: Begin of the rest, ms.
-        text: State, alarms and questions.
+        text: State, and alarms and questions, if any.
     """
 
     since_ms: int
@@ -55,8 +55,8 @@ def default_max_ms(trays: int) -> int:
 class EndingRule:
     """Rule by which a trial ends.
 
-    It ends when the machine is complete; or after `REST_LIMIT_MS` of rest with an alarm or a question if no operator is
-    there; or at its time limit.
+    It ends when the machine is complete; or after `REST_LIMIT_MS` of rest if no operator is there; or at its time
+    limit.
 
     Attributes:
         max_ms: Longest machine time, ms; None = no limit.

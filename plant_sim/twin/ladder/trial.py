@@ -19,8 +19,10 @@ from plant_sim.faults import Fault
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
+from plant_sim.twin.commissioning import default_io_map, default_parameters
 from plant_sim.twin.ending.rule import INTERRUPTED, EndingRule, TrialEnd, default_max_ms
 from plant_sim.twin.ladder.annunciators import AnnunciatorNames, AnnunciatorRest
+from plant_sim.twin.ladder.question_lamp import ANSWER_MS, LAMP, QuestionLamp, asked_arm, button_of
 from plant_sim.twin.ladder.scan_timing import (
     NO_WATCHDOG_MS,
     ScanEstimate,
@@ -29,7 +31,6 @@ from plant_sim.twin.ladder.scan_timing import (
     TrialClock,
 )
 from plant_sim.twin.lock_step import CLEAR_MS
-from plant_sim.twin.question_lamp import ANSWER_MS, LAMP, QuestionLamp, asked_arm, button_of
 from plant_sim.twin.report import account_text
 
 __all__ = ["LadderError", "LadderReport", "ScanRow", "load_ladder", "run_ladder_trial", "table"]
@@ -68,6 +69,13 @@ class LadderReport:
     alarms: tuple[str, ...] = ()
     scan_estimate: ScanEstimate | None = None
 
+    def __repr__(self) -> str:
+        end = f", did not complete: {self.reason}" if self.reason else ""
+        return (
+            f"<LadderReport: {self.counts.in_cups} of {self.counts.total} seedlings in cups, incidents "
+            f"{len(self.incidents)}, {self.simulated_s:.1f} s of machine time{end}>"
+        )
+
     @property
     def completed(self) -> bool:
         """True if every seedling has left the trays and claws without an incident or a CPU error."""
@@ -105,9 +113,9 @@ def run_ladder_trial(
     ladder: Ladder,
     *,
     seed: int,
-    trays: int,
-    io_map: IoMap,
-    parameters: Machine,
+    trays: int = 2,
+    io_map: IoMap | None = None,
+    parameters: Machine | None = None,
     values: Mapping[DeviceOperand, int] | None = None,
     timing: ScanTiming | None = None,
     estimates: bool = False,
@@ -126,8 +134,8 @@ def run_ladder_trial(
         ladder: The program; it drives the terminals of the I/O map.
         seed: Seed of the plant.
         trays: Trays in the magazine, 72 seedlings each.
-        io_map: I/O map.
-        parameters: Machine parameters.
+        io_map: I/O map; None = the default map.
+        parameters: Machine parameters; None = the defaults.
         values: Values written to registers and relays after the first scan, as with a programming tool.
         timing: Scan time of the PLC, with terminals that are sampled between scans as in an FX2N; None = a scan every
             `SCAN_MS`, which also samples the terminals.
@@ -135,12 +143,13 @@ def run_ladder_trial(
         peripherals: Special function modules and serial line; None = none.
         faults: Faults of the plant.
         rule: Rule by which the trial ends; None = without an operator, and with the default time limit.
-        stop: Request to stop the trial, which the signals make from its begin; None leaves the signals unchanged.
+        stop: Request to stop the trial; None = none.
 
     Raises:
         LadderError: The program cannot be run.
     """
-    plant = Plant(io_map, parameters, seed=seed, trays=trays, faults=faults)
+    io_map = io_map or default_io_map()
+    plant = Plant(io_map, parameters or default_parameters(), seed=seed, trays=trays, faults=faults)
     module = IoModule(plant, io_map, watchdog_ms=NO_WATCHDOG_MS)
     plc = FxPlc(ladder, execution=fastest_execution, peripherals=peripherals)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
@@ -150,8 +159,6 @@ def run_ladder_trial(
     rule = rule or EndingRule(default_max_ms(trays))
     names = AnnunciatorNames(ladder)
     rest, ending = AnnunciatorRest(names), None
-    if stop is not None:
-        stop.collect()
     while plc.error is None and ending is None:
         image = plc.scan(now_ms, module.inputs())[: io_map.output_count]
         if now_ms == 0:

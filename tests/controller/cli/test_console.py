@@ -55,7 +55,7 @@ def test_a_set_point_is_changed() -> None:
         ("set", "unknown command 'set'"),
         ("set step_sequence", "set step_sequence: must be an integer"),
         ("set step_sequence=4", "set step_sequence=4: must be 1 to 3"),
-        ("set speed=1", "set speed=1: unknown set-point 'speed'; known: trays_target"),
+        ("set speed=1", "set speed=1: unknown set-point 'speed'; docs/reference/commands.md lists all"),
         ("acknowledge all", "'all' is not a whole number"),
         ("acknowledge 899", "899"),
         ("shelve 900 5", "shelve 900 5: "),

@@ -22,7 +22,7 @@ from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.scan import Plc
 from tests.controller.core.core_rig import THOROUGH, Rig, copied, d, m, program_of, s, x
 from tests.paths import ROOT
-from tests.sampling import examples, one_in
+from tests.sampling import examples, first_of, one_in
 
 VALUES = {"C100": 1, "CN100": 3, "D512": -32_768, "D513": 32_767, "M500": 0, "M501": 1}
 
@@ -375,7 +375,7 @@ import json, os, signal, sys
 from pathlib import Path
 from controller.core.retentive_store import FileStore
 
-store = FileStore(Path(sys.argv[1]))
+store, every = FileStore(Path(sys.argv[1])), int(sys.argv[2])
 
 def killed_at(line):
     def trace(frame, event, argument):
@@ -398,7 +398,7 @@ killed, line = True, 0
 while killed:
     store = FileStore(store.path)
     store.save({"D512": 1, "D513": 1})
-    killed, line = killed_at(line), line + 1
+    killed, line = killed_at(line), line + every
     print(json.dumps([killed, FileStore(store.path).load()]))
 """
 
@@ -427,9 +427,13 @@ def test_a_file_of_a_process_killed_at_any_moment_contains_one_complete_state(st
     assert printed[-1] <= n <= printed[-1] + 1
 
 
-def test_a_kill_before_any_line_of_saving_leaves_the_old_or_the_new_state(store: FileStore) -> None:
-    """The file is complete if the process is killed before any line of Python that saving executes, in any module."""
-    with run_python(KILLED_AT_EVERY_LINE, store.path) as process:
+@pytest.mark.parametrize("every", first_of([5, 1]))
+def test_a_kill_before_any_line_of_saving_leaves_the_old_or_the_new_state(store: FileStore, every: int) -> None:
+    """The file is complete if the process is killed before any line of Python that saving executes, in any module.
+
+    It is killed before one line in five by default, before each line every night.
+    """
+    with run_python(KILLED_AT_EVERY_LINE, store.path, every) as process:
         assert process.stdout is not None
         results = [json.loads(line) for line in process.stdout]
     assert process.returncode == 0
@@ -437,5 +441,5 @@ def test_a_kill_before_any_line_of_saving_leaves_the_old_or_the_new_state(store:
     states = [values for _, values in results]
     old, new = {"D512": 1, "D513": 1}, {"D512": 2, "D513": 2}
     turn = states.index(new)
-    assert turn > 10
+    assert turn > 10 // every
     assert states == [old] * turn + [new] * (len(states) - turn)

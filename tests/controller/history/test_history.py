@@ -301,7 +301,7 @@ from itertools import count
 from pathlib import Path
 from controller.history.writer import HistoryWriter
 from controller.events.kinds import TrayEvent
-writer = HistoryWriter(Path(sys.argv[1]), wall_ms=lambda: 0, program="p", version="v",
+writer = HistoryWriter(Path(sys.argv[1]), wall_ms=lambda: int(sys.argv[2]), program="p", version="v",
                limit_bytes=100_000_000, max_pending=10_000_000)
 for n in count():
     writer.write(TrayEvent(n, n))
@@ -313,7 +313,8 @@ for n in count():
 
 def test_kill_9_while_writing_loses_no_committed_row(tmp_path: Path) -> None:
     path = tmp_path / "history.sqlite"
-    with subprocess.Popen([sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE, text=True) as writer:
+    command = [sys.executable, "-c", KILLED, str(path), str(WALL_MS)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
         assert writer.stdout is not None
         try:
             for line in writer.stdout:

@@ -123,9 +123,10 @@ def test_a_controller_that_never_comes_ends_the_run_in_lock_step(
         (["program", "--out", "{folder}", "--wait-s", "0"], "--wait-s 0: must be 1 to 10000"),
         (["program", "--out", "{folder}", "--short", "--cases", "press"], "omit it, or --cases"),
         (["connect", "fx5u", "--out", "{folder}"], "--host"),
-        (
+        pytest.param(
             ["serve", "--out", "{folder}", "--planting-frequency", "0"],
             "does not complete this trial; add --no-reference",
+            marks=pytest.mark.nightly,  # the reference trial runs to its limit
         ),
     ],
 )

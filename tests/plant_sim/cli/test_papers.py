@@ -139,7 +139,7 @@ def check(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.parametrize(
-    "command", one_in(2, [each for each in COMMANDS if each not in SLOW and not each.startswith("scripts/test")])
+    "command", one_in(4, [each for each in COMMANDS if each not in SLOW and not each.startswith("scripts/test")])
 )
 def test_a_command_prints_the_stated_results(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(command, tmp_path, capsys)

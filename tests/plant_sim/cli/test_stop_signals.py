@@ -314,6 +314,23 @@ def test_a_live_run_ends_in_order_although_it_is_stopped_repeatedly(
 
 
 @pytest.mark.nightly
+@pytest.mark.parametrize("number", first_of(NUMBERS))
+@pytest.mark.parametrize("command", [("trial",), ("run", "--fast"), ("run", "--no-panel")], ids=" ".join)
+def test_a_starting_trial_ends_with_its_report(
+    command: tuple[str, ...], number: signal.Signals, tmp_path: Path
+) -> None:
+    """The signal comes as soon as the process has its own handlers, before the command is imported."""
+    ports = ("--port", "0", "--hmi-port", "0") if "--no-panel" in command else ()
+    with Service("pipe", "plant_sim", *command, *ports, folder=tmp_path) as service:
+        service.wait_until_caught(*NUMBERS)
+        service.stop(number)
+        out, errors = service.process.communicate(timeout=WAIT_S)
+    assert service.process.returncode == 130
+    assert_quiet(errors)
+    assert out.splitlines()[0] == "the trial did not complete, so it has no S: interrupted"
+
+
+@pytest.mark.nightly
 def test_a_role_of_the_benchmark_ends_without_a_message(stack: ExitStack, tmp_path: Path) -> None:
     """The signal comes at all moments from the first output of the process to its end."""
     for _ in range(3):

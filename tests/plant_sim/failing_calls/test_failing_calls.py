@@ -21,7 +21,7 @@ from tests.plant_sim.failing_calls.judge import findings
 from tests.plant_sim.failing_calls.whole_run import Outcome, WholeRun
 
 SEED: Final = 38
-DRAWN: Final = 2
+DRAWN: Final = 1
 """Number of faults by default; each takes a second of processor time."""
 PARTS: Final = 8
 """Number of cases into which the table is divided."""

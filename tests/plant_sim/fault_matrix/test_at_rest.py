@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.common.document.rendering import markdown
+from controller.common.document.rendering import csv_text, markdown
 from controller.program.states import HOMED_FROM
 from controller.program.tags import SIDES, Side
 from plant_sim.cli.main import main
@@ -29,7 +29,7 @@ from plant_sim.fault_matrix.situations import (
     twin_at,
 )
 from plant_sim.fault_matrix.stops import STOPS, StopKind
-from plant_sim.fault_matrix.table_files import as_csv
+from plant_sim.fault_matrix.table_files import cells
 from plant_sim.links.in_process import InProcessLink, LinkDown
 from plant_sim.machine.arm import ARM_SWITCHES
 from plant_sim.twin.lock_step import SCAN_MS
@@ -271,7 +271,7 @@ def test_the_table_has_a_row_per_stop_and_fault() -> None:
 
 def test_a_csv_line_equals_the_record() -> None:
     result = RestResult(SITUATION, SOUND)
-    (line,) = csv.DictReader(as_csv(records([result]), COLUMNS).splitlines())
+    (line,) = csv.DictReader(csv_text(COLUMNS, cells(records([result]), COLUMNS)).splitlines())
     (record,) = records([result])
     assert tuple(line) == tuple(record) == COLUMNS
     assert (line["fault"], line["switches"]) == ("stuck_on:left.lift_up", "lift_down; slide_at_feed")
@@ -295,7 +295,7 @@ def test_the_command_writes_table_csv_and_json_and_ends_with_0(
 ) -> None:
     assert main(["faults", "--trays", "1", "--jobs", jobs, "--out", str(tmp_path), *PART]) == 0
     assert capsys.readouterr().out.splitlines()[1] == "findings: none"
-    cases = json.loads((tmp_path / "fault-matrix-at-rest.json").read_text())
+    cases = json.loads((tmp_path / "fault-matrix-at-rest.json").read_text())["cases"]
     assert [case["fault"] for case in cases] == ["no fault", "stuck_on:left.lift_up", "stuck_on:right.lift_up"] * 2
     assert len((tmp_path / "fault-matrix-at-rest.csv").read_text(encoding="utf-8").splitlines()) == 7
     assert "| stopped | `stuck_on:lift_up` | 4 |" in (tmp_path / "fault-matrix-at-rest.md").read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from rich.progress import Progress
 
-from controller.common.document.rendering import markdown
+from controller.common.document.rendering import csv_text, markdown
 from controller.core.expr import Word
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
@@ -41,7 +41,7 @@ from plant_sim.fault_matrix.report import (
     summary,
 )
 from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
-from plant_sim.fault_matrix.table_files import as_csv
+from plant_sim.fault_matrix.table_files import cells
 from plant_sim.faults import FAULTS, Fault, parse_fault
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
@@ -328,7 +328,7 @@ def test_a_csv_line_equals_the_record() -> None:
     followed = [Followed(False, 2, 0, (), ""), Followed(True, 4, 0, (), "")]
     told = replace(SOUND, asked=["left loaded", "tray"], trips={"double": "cup 3, again"}, followed=followed)
     row = MatrixRow(subject_of(JAM), [told])
-    (line,) = csv.DictReader(as_csv(records([row]), COLUMNS).splitlines())
+    (line,) = csv.DictReader(csv_text(COLUMNS, cells(records([row]), COLUMNS)).splitlines())
     (record,) = records([row])
     assert tuple(line) == tuple(record) == COLUMNS
     assert (line["after_ms"], line["asked"], line["monitors"]) == ("5500", "left loaded; tray", "double: cup 3, again")
@@ -429,7 +429,10 @@ def test_the_command_writes_table_csv_and_json_and_ends_with_0(
     assert load.startswith("Alarms within ten minutes: 0 in 2 trials (most with `broken_wire:start@")
     assert "| `broken_wire:start` | 2 | 0 |" in (folder / "fault-matrix.md").read_text(encoding="utf-8")
     assert len((folder / "fault-matrix.csv").read_text(encoding="utf-8").splitlines()) == 3
-    assert [case["recovered"] for case in json.loads((folder / "fault-matrix.json").read_text())] == [True, True]
+    assert [case["recovered"] for case in json.loads((folder / "fault-matrix.json").read_text())["cases"]] == [
+        True,
+        True,
+    ]
 
 
 def test_the_row_of_another_size_is_recorded_without_being_judged(
@@ -444,7 +447,7 @@ def test_the_row_of_another_size_is_recorded_without_being_judged(
     (row,) = (line for line in written.splitlines() if line.startswith("| `"))
     assert row in PAGE.read_text(encoding="utf-8").splitlines()
     (header, *cases) = csv.reader((tmp_path / "fault-matrix-sizes.csv").read_text(encoding="utf-8").splitlines())
-    assert (header, len(cases)) == ([*SIZES_COLUMNS], 10)
+    assert (header, len(cases)) == ([*SIZES_COLUMNS, "provenance"], 10)
 
 
 def test_a_finding_is_reported_and_gives_exit_code_1(

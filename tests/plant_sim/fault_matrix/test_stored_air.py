@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.common.document.rendering import markdown
+from controller.common.document.rendering import csv_text, markdown
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.cli.faults import run_stored_air
@@ -27,7 +27,7 @@ from plant_sim.fault_matrix.stored_air import (
     machine_with,
     run_air_case,
 )
-from plant_sim.fault_matrix.table_files import as_csv
+from plant_sim.fault_matrix.table_files import cells
 from plant_sim.machine.stored_air import leak_down, set_air
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import clear, home_again, press_emergency_stop
@@ -251,7 +251,7 @@ def test_the_table_has_a_row_per_condition_arm_and_device() -> None:
 
 def test_a_csv_line_equals_the_record() -> None:
     results = [AirResult("none", GOOD), AirResult("meter-in", BAD)]
-    lines = list(csv.DictReader(as_csv(records(results), COLUMNS).splitlines()))
+    lines = list(csv.DictReader(csv_text(COLUMNS, cells(records(results), COLUMNS)).splitlines()))
     assert tuple(lines[0]) == COLUMNS
     assert [line["at_ms"] for line in lines] == [str(record["at_ms"]) for record in records(results)]
 
@@ -264,7 +264,7 @@ def test_the_command_writes_the_table(
     )
     assert main(["faults", "--stored-air", "--trays", "1", "--jobs", "1", "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().out.count("stored-air.") == 3
-    assert len(json.loads((tmp_path / "stored-air.json").read_text(encoding="utf-8"))) == 2
+    assert len(json.loads((tmp_path / "stored-air.json").read_text(encoding="utf-8"))["cases"]) == 2
 
 
 @pytest.mark.nightly

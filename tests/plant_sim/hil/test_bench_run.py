@@ -72,6 +72,7 @@ def test_the_program_passes_every_case() -> None:
     assert margin.figures["longer scan tolerated"].value >= 10
 
 
+@pytest.mark.nightly
 def test_a_fault_stops_the_machine_and_is_recovered() -> None:
     results, _ = judge(["fault"], only="jammed:right.lift")
     (fault,) = _by_group(results, "fault")

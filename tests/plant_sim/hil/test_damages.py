@@ -24,7 +24,7 @@ KILLED_BY = {
 """Group and name of the case that fails each named damage, and the beginning of its reason."""
 
 
-@pytest.mark.parametrize("name", first_of(KILLED_BY, 2))
+@pytest.mark.parametrize("name", first_of(KILLED_BY))
 def test_a_named_damage_fails_the_case_that_is_written_for_it(name: str) -> None:
     group, only, reason = KILLED_BY[name]
     results, *_ = judge_shimmed([NAMED[name]], [group], only=only)

@@ -42,6 +42,7 @@ def test_a_controller_that_is_dead_for_400_ms_fails() -> None:
     assert "output watchdog: no output written for 100 ms, at 120.100 s" in reasons
 
 
+@pytest.mark.nightly
 def test_a_controller_that_works_on_after_homing_fails() -> None:
     """The start button is pressed once more as soon as the machine rests, as if by the program.
 

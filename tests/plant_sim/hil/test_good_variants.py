@@ -85,6 +85,7 @@ def test_a_machine_with_a_start_warning_passes() -> None:
     assert not failures(results)
 
 
+@pytest.mark.nightly
 def test_scans_of_8_to_12_ms_pass_the_first_cases() -> None:
     results, *_ = judge_shimmed([], FIRST_GROUPS, periods_ms=_jitter(8, 4))
     assert [each.group for each in results] == list(FIRST_GROUPS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from plant_sim.twin.question_lamp import (
+from plant_sim.twin.ladder.question_lamp import (
     CUPS_EMPTY,
     FULL_TRAY,
     LEFT_LOADED,

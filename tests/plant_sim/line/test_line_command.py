@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from plant_sim.cli.main import main
-from plant_sim.line.command import result_of
+from plant_sim.line.command import line_result
 from plant_sim.line.file import lines
 from plant_sim.line.result import LineResult
 from plant_sim.line.write import COLUMNS, write_result
@@ -46,7 +46,7 @@ def _signal() -> Iterator[None]:
 
 
 def result(name: str, metres: float = 30.0, seed: int = 1, profile: Path | None = None) -> LineResult:
-    return result_of(name, profile=profile, metres=metres, seed=seed, machine=load_machine())
+    return line_result(name, profile=profile, metres=metres, seed=seed, machine=load_machine())
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +159,7 @@ def test_the_command_prints_one_json_object_and_writes_the_files(
     assert record["accounted"] is True
     assert record["metres"] == 20
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "plants.csv", "plants.parquet", "result.json", "rows.png", "rows.svg",
+        "plants.csv", "plants.parquet", "provenance.json", "result.json", "rows.png", "rows.svg",
     ]  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant_sim.line.command import result_of
+from plant_sim.line.command import line_result
 from plant_sim.line.planting import ChainPlanter
 from plant_sim.line.release import SPACINGS_M, forecasts
 from plant_sim.line.result import LineResult
@@ -20,7 +20,7 @@ from plant_sim.planter.verdict import Stand
 
 
 def result(name: str, metres: float, profile: Path | None = None) -> LineResult:
-    return result_of(name, profile=profile, metres=metres, seed=1, machine=load_machine())
+    return line_result(name, profile=profile, metres=metres, seed=1, machine=load_machine())
 
 
 @pytest.fixture(scope="module")
@@ -104,3 +104,9 @@ def test_a_ground_file_replaces_the_assumptions_of_the_line(tmp_path: Path) -> N
     of_ground = [each for each in done.assumed if each.startswith("ground.")]
     assert of_ground == ["ground.segments[1].speed 1.2 km/h"]
     assert "spacing 42 cm" in done.assumed
+
+
+def test_a_result_represents_itself_in_one_line(cabbage: LineResult) -> None:
+    text = repr(cabbage)
+    assert text.startswith(f"<LineResult {cabbage.title}, seed 1: rows 1 x 2000 m, {cabbage.plants} plants, ")
+    assert text.endswith(f"plants/h, quality of feed {cabbage.spacing.quality.text()}>")

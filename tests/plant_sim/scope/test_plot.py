@@ -153,7 +153,7 @@ def test_the_state_is_written_as_on_the_panel(trial: Recording) -> None:
 def test_the_title_names_the_contents(trial: Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     titles: list[str] = []
 
-    def saved(figure: Figure, _: Path) -> list[Path]:
+    def saved(figure: Figure, *_: object) -> list[Path]:
         titles.append(figure.texts[0].get_text())
         return []
 
@@ -266,14 +266,18 @@ def run(recording: Recording, out: Path, *arguments: str) -> int:
     return main(["plot", str(recording.path), "--out", str(out), *arguments])
 
 
+def pictures(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir() if path.suffix in {".png", ".svg"})
+
+
 def test_the_command_writes_both_plots_in_both_formats_and_prints_their_paths(
     trial: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "new" / "folder"
     assert run(trial, out) == 0
     names = ["trial-timing.png", "trial-timing.svg", "trial-trends.png", "trial-trends.svg"]
-    assert sorted(path.name for path in out.iterdir()) == names
-    assert capsys.readouterr().out.splitlines() == [str(out / name) for name in names]
+    assert pictures(out) == names
+    assert capsys.readouterr().out.splitlines()[:4] == [str(out / name) for name in names]
     assert (out / "trial-timing.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -293,9 +297,9 @@ def test_the_same_recording_gives_the_same_bytes_without_a_date(trial: Recording
 
 def test_selected_tags_are_split_into_lanes_and_curves(trial: Recording, tmp_path: Path) -> None:
     assert run(trial, tmp_path, "--from", "18s", "--to", "19s", "--tags", "*.claws.plus.chamber.pressure_pa") == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["trial-trends.png", "trial-trends.svg"]
+    assert pictures(tmp_path) == ["trial-trends.png", "trial-trends.svg"]
     assert run(trial, tmp_path / "lanes", "--from", "18s", "--to", "19s", "--tags", "step.*", "y.tray_*") == 0
-    assert sorted(path.name for path in (tmp_path / "lanes").iterdir()) == ["trial-timing.png", "trial-timing.svg"]
+    assert pictures(tmp_path / "lanes") == ["trial-timing.png", "trial-timing.svg"]
 
 
 @pytest.mark.parametrize(

@@ -169,7 +169,7 @@ def test_the_strokes_of_a_trial_are_those_of_its_rows_and_of_pressing_to_feed(tr
 def options(*arguments: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    return parser.parse_args(arguments)
+    return parser.parse_args(arguments, argparse.Namespace(command="air"))
 
 
 def test_the_command_prints_the_comparison_for_a_recording(
@@ -187,6 +187,7 @@ def test_the_command_prints_the_comparison_for_a_recording(
 def test_the_command_prints_one_json_object(trial: tuple[Recording, Twin], capsys: pytest.CaptureFixture[str]) -> None:
     assert air_command(options(str(trial[0].path), "--json")) == 0
     printed = json.loads(capsys.readouterr().out)
+    assert set(printed.pop("provenance")["parameters"]) == {"io_map", "machine", "recording"}
     assert printed == json.loads(json.dumps(air_of(trial[0]).record()))
     assert printed["drives"]["lift"]["table_1_l_min"] == 91
 

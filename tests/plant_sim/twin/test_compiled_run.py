@@ -21,7 +21,7 @@ from tests.sampling import first_of
 
 STORIES = 1_000
 COUNTED_STORIES = 200
-BATCH = 10
+BATCH = 5
 LONG = 8
 """One story in eight is long and monitored."""
 MACHINE = load_machine()

@@ -198,7 +198,7 @@ def test_a_controller_without_a_plant_reports_it_and_retries(tmp_path: Path) -> 
     """Without a plant the controller reports and waits; when the plant starts, it enters Stopped."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
-    command = [sys.executable, "-m", *run_command(port, tmp_path, "--events", "json")]
+    command = [sys.executable, "-m", *run_command(port, tmp_path, "--events", "json", "--no-history")]
     waiting = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert waiting.stderr is not None

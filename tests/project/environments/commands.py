@@ -72,6 +72,7 @@ COMMANDS: Final = {
     "plant_sim line": writing("row", "cabbage --metres 10 --out"),
     "plant_sim faults": writing("matrix", "--fault stuck_off:left.lift_up --moments 1 --jobs 1 --out"),
     "plant_sim stories": Command("--random 1"),
+    "plant_sim reproduce": refused("{here} --out {here}/again"),
     "plant_sim replay": refused("{here}/missing.capture"),
     "plant_sim plot": writing("picture", "{here}/recording.parquet --from 1s --to 2s --out"),
     "plant_sim air": Command("{here}/recording.parquet"),

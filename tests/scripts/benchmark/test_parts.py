@@ -12,6 +12,7 @@ from scripts.benchmark.catalogue import PARTS, chosen_parts
 from scripts.benchmark.part import LazyMeasurement, lazily
 from scripts.benchmark.runner import run_parts
 from tests.real_time import MARK
+from tests.sampling import first_of
 
 REAL_TIME = {"lateness", "modbus", "malformed"}
 """Parts whose plants follow the clock."""
@@ -48,7 +49,7 @@ def test_seed_and_options_reach_the_measurement() -> None:
     assert lazily(f"{__name__}:speed_of", factor=0.5)(7) == {"speed": 3.5}
 
 
-@pytest.mark.parametrize("name", ["scan", "start"])
+@pytest.mark.parametrize("name", first_of(["scan", "start"]))
 def test_a_part_measures_its_figures(name: str) -> None:
     measured(name)
 

@@ -4,6 +4,7 @@ import { app, useDescription } from "./app.js";
 import { AlarmsPage } from "./pages/alarms.js";
 import { CabPage } from "./pages/cab.js";
 import { CyclePage } from "./pages/cycle.js";
+import { HistoryPage } from "./pages/history.js";
 import { IoPage } from "./pages/io.js";
 import { Link } from "./link.js";
 import { Login } from "./login.js";
@@ -22,7 +23,7 @@ import { THEMES, chooseTheme, theme } from "./theme.js";
 import { LANGUAGE_NAMES, chooseLanguage, language, t, useTexts } from "./texts.js";
 
 const PAGES = { cab: CabPage, overview: OverviewPage, alarms: AlarmsPage, recovery: RecoveryPage, manual: ManualPage,
-  trays: TraysPage, trends: TrendsPage, cycle: CyclePage, steps: StepsPage, io: IoPage, parameters: ParametersPage, menu: MenuPage };
+  trays: TraysPage, trends: TrendsPage, cycle: CyclePage, history: HistoryPage, steps: StepsPage, io: IoPage, parameters: ParametersPage, menu: MenuPage };
 const MENU = "menu"; // has a key in place of a tab
 const NARROW = window.matchMedia("(max-width: 1023px)");
 const NOTICE_MS = 8000;
@@ -111,6 +112,12 @@ class PanelFrame {
     if (!(name in PAGES)) return;
     if (name !== this.name || this.page === null) this.#replace(name);
     if (section !== null) this.page.sections.show(section);
+  }
+
+  /** Open the history at what happened around a time. */
+  openAround(utcMs) {
+    this.open("history");
+    this.page.around(utcMs);
   }
 
   #replace(name) {

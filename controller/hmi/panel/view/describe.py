@@ -22,6 +22,7 @@ from controller.program.set_points import CUPS
 from controller.program.tags import ROWS, SIDES
 from controller.program.texts.alarms.locations import LOCATIONS
 from controller.program.texts.isolation import ISOLATION
+from controller.program.texts.next_press import NEXT_PRESSES
 from controller.program.texts.operator import LANGUAGES, MODES, QUESTIONS, REASONS, STATES, Language, Text
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
@@ -68,6 +69,7 @@ def describe(machine: Transplanter, telemetry: Telemetry | None, language: Langu
         "states": _numbered(STATES),
         "modes": _numbered(MODES),
         "reasons": _numbered(REASONS),
+        "next_presses": _numbered(NEXT_PRESSES),
         "commands": [
             {
                 "name": command.name,

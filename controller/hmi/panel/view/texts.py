@@ -9,6 +9,7 @@ from typing import Final
 
 from controller.common.declarations import Declared
 from controller.hmi.panel.orders.replies import LEVELS
+from controller.hmi.panel.view.history_texts import HISTORY_TEXTS
 from controller.hmi.panel.view.names import NAMES
 from controller.program.texts.alarms.handling import ALARM_STATES
 from controller.program.texts.operator import Text
@@ -255,8 +256,6 @@ _ALARMS: Final = {
     "priority.stops": Text("Stop", "停机"),
     "priority.warning": Text("Warning", "警告"),
     **{f"alarm_state.{name}": text for name, text in ALARM_STATES.items()},
-    "history.none": Text("No history file", "无历史文件"),
-    "history.empty": Text("No records", "暂无记录"),
     "refresh": Text("Refresh", "刷新"),
 }
 
@@ -394,6 +393,7 @@ _TEXTS: Final[dict[str, Text]] = {
     **_ALARMS,
     **_CHARTS,
     **_HANDS,
+    **HISTORY_TEXTS,
     **NAMES,
 }
 TEXTS: Final = Declared("TEXTS", __name__, _TEXTS)

@@ -21,7 +21,7 @@ from starlette.websockets import WebSocket
 from controller.common.supervision.tasks import REQUEST, supervised_item, supervised_task
 from controller.common.supervision.threads import in_thread
 from controller.core.clock import Clock, utc_ms
-from controller.history.query import HistoryReader, Record
+from controller.history.query import HistoryReader, Record, RecordFilter
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import Mirror, Poller
 from controller.hmi.panel.modbus.telemetry import Telemetry
@@ -58,6 +58,8 @@ PICTURE: Final = _PACKAGED_PICTURE if _PACKAGED_PICTURE.exists() else STATIC.par
 """Picture of the machine, in the installed package or in the documentation of a checkout."""
 COOKIE: Final = "panel_session"
 CANCEL_PERIOD_S: Final = 0.1
+LONGEST_FILTER: Final = 100
+"""Maximum length of a text by which records are selected, characters."""
 HISTORY_CHECK_S: Final = 2.0
 """Period of the look for a history and its newest change of an alarm, s."""
 
@@ -251,6 +253,26 @@ class PanelApplication:
             return reply(404, "no history")
         return JSONResponse(await in_thread("history of the panel", table, last, before))
 
+    async def records(self, request: Request) -> Response:
+        """Return events, alarm changes and cycles of the history by time, kind, alarm and text, newest first."""
+        reader = self._sources.history
+        query = request.query_params
+        given = {name: whole_number(request, name, "0") for name in ("last", "before", "since", "until", "number")}
+        kind, text = query.get("kind", ""), query.get("text", "")
+        if None in given.values() or max(len(kind), len(text)) > LONGEST_FILTER:
+            return reply(400, "malformed", what="last, before, since, until, kind, number, text")
+        if reader is None or not await in_thread("history of the panel", lambda: reader.present):
+            return reply(404, "no history")
+        named = {name: value for name, value in given.items() if name in query and value is not None}
+        chosen = RecordFilter(
+            kind=kind,
+            text=text,
+            number=named.get("number"),
+            **{f"{name}_ms": named[name] for name in ("since", "until") if name in named},
+        )
+        last, before = named.get("last", 100), named.get("before")
+        return JSONResponse(await in_thread("history of the panel", reader.records, chosen, last, before))
+
     async def last_cycle(self, request: Request) -> Response:
         """Return the last cycle of an arm with its edges."""
         reader = self._sources.history
@@ -344,6 +366,7 @@ def application(panel: PanelApplication, names: Iterable[str]) -> ASGIApp:
         Route("/api/logout", panel.logout, methods=["POST"]),
         Route("/api/first", panel.first, methods=["POST"]),
         Route("/api/history/last_cycle", view(panel.last_cycle)),
+        Route("/api/history/records", view(panel.records)),
         Route("/api/history/{table}", view(panel.history)),
         Route("/api/trends", view(panel.trends)),
         Route("/metrics", view(panel.metrics)),

@@ -248,10 +248,13 @@ def test_description_is_complete() -> None:
 def test_missing_history_is_reported(rig: PanelRig) -> None:
     assert rig.here.get("/api/history/events").status_code == 404
     assert rig.here.get("/api/history/last_cycle?side=left").status_code == 404
+    assert rig.here.get("/api/history/records").status_code == 404
     for wrong in (
         "/api/history/none",
         "/api/history/events?last=x",
         "/api/history/events?before=-1",
+        *(f"/api/history/records?{name}=x" for name in ("last", "before", "since", "until", "number")),
+        f"/api/history/records?text={'x' * 101}",
         "/api/history/last_cycle",
         "/api/history/last_cycle?side=up",
     ):

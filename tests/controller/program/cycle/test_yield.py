@@ -315,6 +315,8 @@ def test_the_export_acts_like_the_program() -> None:
     short = next(alarm.bit for alarm in machine.alarms if alarm.key == "row short" and alarm.side == "left")
     image = ALL.safe_outputs()
     for now_ms in range(0, EQUAL_MS, 10):
+        if now_ms == 100:  # the memory has never been written
+            pair.write(machine.tags.commands["new_machine"], 1)
         plant.box.start = now_ms in range(500, 600) or now_ms in range(14_000, 14_100)
         if now_ms == JAMMED_MS:
             plant.faults.add(parse_fault(f"jammed:left.claws@{plant.time_ms}ms.."))

@@ -6,6 +6,7 @@ program whenever one of them changes; if it went off too soon, the requirement o
 
 from __future__ import annotations
 
+import itertools
 import operator
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,6 +28,7 @@ from plant_sim.twin.recovery import clear, press_emergency_stop
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.program.recovery.test_disturbances import pull_the_cable
 from tests.controller.program.recovery.test_ways_out import read, refusals
+from tests.sampling import one_in
 from tests.wiring import wired
 
 WIDE = load_machine().with_values({"layout.arms_may_meet_in_plant": True})
@@ -92,8 +94,10 @@ def command_reset(twin: Twin) -> None:
     twin.run_for(50)
 
 
-@pytest.mark.parametrize("home", [press_x0, press_x26, command_reset])
-@pytest.mark.parametrize("mode", [Mode.CONTINUOUS, Mode.MANUAL])
+@pytest.mark.parametrize(
+    ("mode", "home"),
+    one_in(2, itertools.product((Mode.CONTINUOUS, Mode.MANUAL), (press_x0, press_x26, command_reset))),
+)
 def test_homing_is_refused_until_x25_has_been_pressed_and_released(home: Callable[[Twin], None], mode: Mode) -> None:
     """Also in manual mode, since jogging begins with a reset."""
     twin = started()

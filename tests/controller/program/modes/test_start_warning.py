@@ -17,6 +17,7 @@ from plant_sim.twin.recovery import press_emergency_stop
 from tests.controller.program.modes.hands import jog_command
 from tests.plant_sim.twin.routes import BRISK, empty_the_magazine, fill_the_magazine, restart_tractor, run_row_1, run_to
 from tests.plant_sim.twin.twin_rig import TRAY_MS, moving_outputs, switched_on, tags_of, until_step
+from tests.sampling import one_in
 from tests.wiring import DELIVERED, wired
 
 BOTH = wired("guard", "horn")
@@ -107,7 +108,7 @@ ORDERS: dict[str, tuple[Act, Act]] = {
 }
 
 
-@pytest.mark.parametrize("name", ORDERS)
+@pytest.mark.parametrize("name", one_in(2, ORDERS))
 def test_pulses_of_two_seconds_come_before_the_first_motion(name: str) -> None:
     before, order = ORDERS[name]
     twin = machine(trays=2 if name == "search for a tray" else 1)
@@ -139,6 +140,7 @@ def test_only_orders_and_resumes_are_announced() -> None:
     assert sum(now and not before for before, now in itertools.pairwise(horn)) == count[0] in {4, 5, 6}
 
 
+WARNED = ("homing", "start", "resume", "cups come")
 CANCELS: dict[str, Act] = {
     "X24": lambda twin: twin.press("stop"),
     "stop command": lambda twin: twin.command("stop"),
@@ -149,8 +151,7 @@ CANCELS: dict[str, Act] = {
 }
 
 
-@pytest.mark.parametrize("cancel", CANCELS)
-@pytest.mark.parametrize("name", ["homing", "start", "resume", "cups come"])
+@pytest.mark.parametrize(("name", "cancel"), one_in(3, itertools.product(WARNED, CANCELS)))
 def test_any_stop_cancels_the_warning(name: str, cancel: str) -> None:
     """Nothing moves after it, and no order is left over."""
     before, order = ORDERS[name]

@@ -30,7 +30,9 @@ from tests.sampling import first_of
 from tests.wiring import wired
 
 TAGS = MACHINE.tags
-SAMPLE = 80
+SAMPLE = 160
+COMPLETE_S = 1_800
+"""Time limit of a complete exploration, s; it takes three minutes of processor time."""
 
 
 def changed(change: Callable[[Rung], Rung | None]) -> Transplanter:
@@ -86,11 +88,12 @@ def _returning(step: Step) -> Step:
 # ---- exploration ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.timeout(COMPLETE_S)
 @pytest.mark.parametrize("every", first_of([SAMPLE, 1]))
 def test_every_start_ends_in_idle(every: int) -> None:
     """Without a fault and with true answers, at most three homings lead from any place and memory to Idle.
 
-    One start in 80 is examined; all of them with ``--nightly``.
+    One start in 160 is examined; all of them with ``--nightly``.
     """
     found = explore(MACHINE, every=every)
     assert [describe(*dead_end) for dead_end in found.dead_ends] == []
@@ -114,6 +117,7 @@ def test_every_state_of_the_rows_ends_in_idle(scan_ms: int) -> None:
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(COMPLETE_S)
 @pytest.mark.parametrize("every", first_of([SAMPLE, 1]))
 def test_a_stuck_switch_ends_homing_in_time(every: int) -> None:
     """With any switch stuck, homing ends within T in Idle, an alarm or a question, and in Idle after the repair."""

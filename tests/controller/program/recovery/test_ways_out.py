@@ -22,7 +22,7 @@ from plant_sim.twin.recovery import begin_homing, home_again, press_emergency_st
 from tests.controller.program.modes.hands import jog_command, stop, to_manual
 from tests.plant_sim.twin.routes import BRISK, run_to
 from tests.plant_sim.twin.twin_rig import MACHINE, TRAY_MS, other_side, switched_on, tags_of
-from tests.sampling import first_of
+from tests.sampling import one_in
 from tests.wiring import unwired, wired
 
 PRESSES = {NEXT_PRESSES[press].en: press for press in NextPress} | {"": NextPress.NONE}
@@ -259,8 +259,7 @@ MOMENTS: dict[str, Callable[[Twin], None]] = {
 }
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
-@pytest.mark.parametrize("is_seen", first_of([True, False]))
+@pytest.mark.parametrize(("is_seen", "moment"), one_in(4, itertools.product((True, False), MOMENTS)))
 def test_a_tray_is_not_conveyed_after_a_loss_of_memory(moment: str, is_seen: bool) -> None:
     """Homing asks, whether the tray is seen or not; neither 'none' nor X24 nor a second loss of power moves it."""
     twin = machine(trays=2)

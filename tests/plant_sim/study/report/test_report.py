@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -12,9 +13,10 @@ from matplotlib.figure import Figure
 
 from controller.common.document.parts import Heading, Part, Picture, Table, listing
 from plant_sim.common.figure_style import FigureError, drawing
+from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.study.errors import StudyError
-from plant_sim.study.report import study as report_module
 from plant_sim.study.report.study import Study, check_folder, write
+from tests.plant_sim.cli.results import carried
 
 TABLE = Table(
     "yield-by-foam",
@@ -52,6 +54,21 @@ def test_the_folder_contains_report_tables_and_plots_only(tmp_path: Path) -> Non
     assert {path.name for path in folder.iterdir()} == names
     assert all(path.parent == folder for path in files)
     assert [path.name for path in folder.parent.iterdir()] == ["foam"]
+
+
+def test_every_file_carries_the_provenance_and_names_files_without_folders(tmp_path: Path) -> None:
+    given = tmp_path / "inputs" / "foam.yaml"
+    given.parent.mkdir()
+    given.write_text("seed: 1\n", encoding="utf-8")
+    origin = Provenance("study", "1.0", "c0de", {"file": "f1"}, 1, {"name": "own"}, {"file": given})
+    example = replace(complete_study(), command=f"python -m plant_sim study own {given}")
+    files = write(example, tmp_path / "out", origin)
+    copy, whole = tmp_path / "out" / "given" / "file" / "foam.yaml", tmp_path / "out" / "provenance.json"
+    assert copy.read_text(encoding="utf-8") == "seed: 1\n"
+    for path in set(files) - {copy, whole}:
+        assert carried(path, origin.identity) in (origin.record(), origin.identity), path.name
+        assert str(tmp_path) not in path.read_text(encoding="utf-8", errors="replace"), path.name
+    assert json.loads((tmp_path / "out" / "study.json").read_text("utf-8"))["command"].endswith("study own foam.yaml")
 
 
 def test_equal_studies_write_equal_bytes(tmp_path: Path) -> None:
@@ -150,7 +167,7 @@ def test_a_failed_write_leaves_no_files(
         assert any(tmp_path.rglob("report.md"))  # the other files are already in a temporary folder
         raise failure
 
-    monkeypatch.setattr(report_module, "save", full)
+    monkeypatch.setattr("plant_sim.common.figure_style.save", full)
     with pytest.raises(StudyError, match=r"^--out .*out: cannot be written .*; specify another folder$"):
         write(complete_study(), folder)
     assert list(tmp_path.iterdir()) == ([folder] if empty_there else [])

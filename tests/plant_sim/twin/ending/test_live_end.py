@@ -47,7 +47,9 @@ class StandIn:
     def __init__(self) -> None:
         self.time_ms = 0
         self.pressed: list[str] = []
+        self.press_lasts_ms = 0
         self.on_look: Callable[[int], object] = lambda _: None
+        self.on_press: Callable[[str], object] = lambda _: None
 
     def __enter__(self) -> Self:
         return self
@@ -55,8 +57,10 @@ class StandIn:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def press(self, button: str) -> None:
+    def press(self, button: str, for_ms: int) -> None:
         self.pressed.append(button)
+        self.on_press(button)
+        self.time_ms += self.press_lasts_ms
 
     def telemetry(self) -> dict[str, float]:
         self.time_ms += LOOK_MS
@@ -116,6 +120,25 @@ def test_without_an_operator_a_run_ends_10_s_after_it_rests(operator: StandIn) -
 def test_a_complete_run_has_no_reason(operator: StandIn) -> None:
     report, code = run(operator, [*WORKS, StateEvent(9_000, State.COMPLETE, "Complete")])
     assert (report.reason, report.completed, code) == ("", True, None)
+
+
+IDLE = "Idle, without an alarm or a question; no operator after 10 s"
+
+
+def test_a_machine_that_ignores_its_start_button_ends_10_s_after_the_press(operator: StandIn) -> None:
+    """The press comes as late as a computer is slow; the rest has begun long before."""
+    presses: list[int] = []
+    operator.on_press = lambda button: presses.append(operator.time_ms)
+    operator.press_lasts_ms = 30_000
+    report, code = run(operator, WORKS[:3])
+    assert (report.reason, code) == (IDLE, None)
+    assert report.simulated_s == pytest.approx(presses[-1] / 1000 + 40.0, abs=0.5)
+
+
+def test_a_machine_stopped_by_its_stop_button_ends_10_s_later(operator: StandIn) -> None:
+    report, _ = run(operator, [*WORKS, StateEvent(20_000, State.STOPPED, "Stopped", "operator")])
+    assert report.reason == IDLE.replace("Idle", "Stopped")
+    assert report.simulated_s == 30.0
 
 
 @pytest.mark.parametrize("changes", [{"waits": True}, {"by_hand": True}], ids=str)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from controller.events.kinds import AlarmEvent, Event, QuestionEvent, StateEvent, as_record
@@ -93,8 +95,22 @@ def test_a_state_that_ends_by_itself_is_no_rest(state: State) -> None:
     assert reported(ALARM, StateEvent(4_000, state, "zh")).rest is None
 
 
-def test_rest_without_an_alarm_or_a_question_is_none() -> None:
-    assert reported(StateEvent(4_000, State.HELD, "Held")).rest is None
+def test_rest_without_an_alarm_or_a_question_says_so() -> None:
+    rest = Rest(4_000, "Held, without an alarm or a question")
+    assert reported(StateEvent(4_000, State.HELD, "Held")).rest == rest
+    cleared = AlarmEvent(6_000, 911, active=False, text="")
+    assert reported(ALARM, StateEvent(4_000, State.HELD, ""), cleared).rest == replace(rest, since_ms=6_000)
+
+
+def test_only_rest_without_an_alarm_counts_from_the_last_press_of_the_operator() -> None:
+    news = reported(StateEvent(4_000, State.IDLE, ""))
+    news.acted(9_000)
+    assert news.rest is not None
+    assert news.rest.since_ms == 9_000
+    news = reported(ALARM, StateEvent(4_000, State.IDLE, ""))
+    news.acted(9_000)
+    assert news.rest is not None
+    assert news.rest.since_ms == 4_000
 
 
 def test_an_open_question_is_told() -> None:
@@ -102,7 +118,9 @@ def test_an_open_question_is_told() -> None:
     held = StateEvent(2_000, State.HELD, "Held", "operator answer required")
     assert reported(held, asked).rest == Rest(2_000, "Held: Which tray?")
     answered = QuestionEvent(3_000, "tray", active=False, text="Which tray?")
-    assert reported(held, asked, answered).rest is None
+    rest = reported(held, asked, answered).rest
+    assert rest is not None
+    assert (rest.since_ms, rest.text) == (3_000, "Held, without an alarm or a question")
 
 
 def test_a_machine_that_works_again_rests_anew() -> None:

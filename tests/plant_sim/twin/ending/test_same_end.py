@@ -22,9 +22,10 @@ from plant_sim.cli import trial as trial_command
 from plant_sim.cli.main import main
 from plant_sim.crop.seedling import TRAY_CELLS, SeedlingCounts
 from plant_sim.machine.plant import Plant
+from plant_sim.twin import live
 from plant_sim.twin.ladder import trial as ladder_trial
+from plant_sim.twin.ladder.question_lamp import LAMP, PERIOD_MS
 from plant_sim.twin.lock_step import Twin
-from plant_sim.twin.question_lamp import LAMP, PERIOD_MS
 from plant_sim.twin.report import make_report
 from plant_sim.twin.trial import run_trial
 from tests.controller.export.fx_equality import EXPORTED
@@ -172,6 +173,68 @@ def test_a_signal_ends_a_trial_with_its_report(
     if "--repeat" not in command:
         assert "throwing T 0, in claws 24, in trays untouched 120\n" in out
         assert ", 30.1 s of machine time" in out
+
+
+@pytest.mark.parametrize("command", [("run", "--fast"), ("trial",), ("trial", "--ladder"), ("run",)], ids=" ".join)
+def test_a_signal_before_the_first_scan_ends_a_trial_with_its_report(
+    command: tuple[str, ...],
+    exported: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The signal arrives while the program is loaded, before the arguments are read. No process is started."""
+    monkeypatch.setattr(live, "Process", None)
+    file = [exported] if "--ladder" in command else []
+    with listening() as stop:
+        signal.raise_signal(signal.SIGTERM)
+        assert main([*command, *file], stop) == INTERRUPTED
+    first, account, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("the trial did not complete")
+    assert first.endswith(": interrupted")
+    assert account == ACCOUNT
+
+
+@pytest.mark.parametrize(("by_hand", "expected"), [(False, INTERRUPTED), (True, 0)])
+def test_a_signal_during_the_start_of_a_plant_ends_a_run_with_its_report(
+    by_hand: bool, expected: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended: list[str] = []
+
+    class Starting:
+        """Process that has not written anything yet."""
+
+        def __init__(self, name: str, *_: object) -> None:
+            self.name = name
+
+        def __enter__(self) -> Starting:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            ended.append(self.name)
+
+        def next_line(self, within_s: float) -> str:
+            signal.raise_signal(signal.SIGINT)
+            return "plant listening on 127.0.0.1:1"
+
+    monkeypatch.setattr(live, "Process", Starting)
+    with listening() as stop:
+        assert main(["run", *(["--by-hand"] if by_hand else [])], stop) == expected
+    first, account, *rest = capsys.readouterr().out.splitlines()
+    assert first == "the trial did not complete, so it has no S: interrupted"
+    assert account == ACCOUNT
+    assert ", 0.0 s of machine time" in rest[0]
+    assert ended == ["plant"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "state", "at_s"), [("broken_wire:start", "Stopped", 10.0), ("broken_wire:start@2s..", "Idle", 21.8)]
+)
+def test_a_machine_at_rest_without_an_alarm_ends_the_trial(
+    fault: str, state: str, at_s: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, *rest = printed(capsys, "trial", "--fault", fault).splitlines()
+    assert first.endswith(f": {state}, without an alarm or a question; no operator after 10 s")
+    assert f", {at_s} s of machine time" in rest[1]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -4,6 +4,7 @@ import { app, getHistory, newPress, obstacle, order, refuse } from "../app.js";
 import { OrderButton, whenTapped } from "../controls/buttons.js";
 import { draw, make, mark, refill, write } from "../dom.js";
 import { AlarmHelp } from "./help.js";
+import { AROUND_MIN } from "./history_range.js";
 import { duration, localized, named, note, sentence, t, wallClock } from "../texts.js";
 import { numberField } from "../controls/pad.js";
 import { differingConstants } from "./parameters.js";
@@ -93,7 +94,7 @@ function aside(text) {
 }
 
 export class AlarmsPage {
-  constructor() {
+  constructor(frame) {
     this.key = this.newest = null;
     this.rows = [];
     this.all = new OrderButton(t("alarms.acknowledge_all"), { type: "acknowledge", alarm: null }, {
@@ -102,7 +103,7 @@ export class AlarmsPage {
     this.load = make("p", { class: "why", "data-fact": "alarm-load" });
     this.list = make("ul", { class: "alarm-list" });
     this.help = new AlarmHelp((open) => this.sections.show(open ? "alarms.help" : "alarms.active"));
-    this.journal = new Journal(this.help, this.load);
+    this.journal = new Journal(this.help, this.load, (utcMs) => frame.openAround(utcMs));
     this.sections = new Sections({
       "alarms.active": section("alarms.active", make("div", { class: "orders" }, this.all.node), this.list),
       "alarms.help": this.help.node,
@@ -240,11 +241,12 @@ class ShelveForm {
 
 /** Journal of alarm state changes, from the history. */
 class Journal {
-  constructor(help, load) {
+  constructor(help, load, openAround) {
     this.help = help;
+    this.openAround = openAround;
     this.body = make("tbody");
     this.none = make("p", { class: "why" });
-    const heading = ["alarms.time", "alarms.alarm", "alarms.change", "alarms.by"];
+    const heading = ["alarms.time", "alarms.alarm", "alarms.change", "alarms.by", "page.history"];
     this.node = section("alarms.journal", load,
       make("div", { class: "orders" }, make("button", { type: "button", class: "order", text: t("refresh"), on: { click: () => this.load() } })),
       this.none,
@@ -259,15 +261,17 @@ class Journal {
       make("td", { text: wallClock(row.utc_ms) }),
       make("td", {}, this.help.button(row.number, `S${row.number} ${message(row)}`)),
       make("td", { text: `${stateText(row.before)} → ${stateText(row.after)}` }),
-      make("td", { text: operatorName(row.by_whom) }))));
+      make("td", { text: operatorName(row.by_whom) }),
+      make("td", {}, make("button", { type: "button", class: "order", "data-action": "around", text: t("history.around", { n: AROUND_MIN }),
+        on: { click: () => this.openAround(row.utc_ms) } })))));
   }
 }
 
 /** Return the display name of the access level that changed an alarm state; "machine" if none is recorded. */
-function operatorName(name) {
+export function operatorName(name) {
   return name === null || name === undefined ? t("alarms.machine") : named(`level.${name}`, name);
 }
 
-function stateText(state) {
+export function stateText(state) {
   return t(`alarm_state.${stateOf(state)}`);
 }

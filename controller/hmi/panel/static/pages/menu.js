@@ -6,7 +6,7 @@ import { THEMES, chooseTheme, theme } from "../theme.js";
 import { LANGUAGE_NAMES, language, t } from "../texts.js";
 
 const IN_THE_CAB = ["cab", "alarms", "recovery", "manual", "trays"];
-const FOR_SET_UP = ["overview", "trends", "cycle", "steps", "io", "parameters"];
+const FOR_SET_UP = ["overview", "trends", "cycle", "history", "steps", "io", "parameters"];
 
 export class MenuPage {
   constructor(frame) {

@@ -36,6 +36,7 @@ PAGES: Final = (
     "trays",
     "trends",
     "cycle",
+    "history",
     "steps",
     "io",
     "parameters",

@@ -1,0 +1,1 @@
+"""Provenance of the results of commands, and the command that reproduces them."""

@@ -1,0 +1,1 @@
+"""Provenance of results, and the files that carry it."""
