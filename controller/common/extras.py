@@ -24,6 +24,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "numpy": _PLANT,
     "pandas": ("studies", "cluster"),
     "prometheus_client": ("panel",),
+    "pyDOE3": ("studies", "cluster"),
     "pyarrow": ("parquet", "cluster"),
     "pymunk": _PLANT,
     "rich": _PLANT,

@@ -19,11 +19,15 @@ RELEASE_LEAD_X10_MS: Final = 25
 the timers, the plugs land in the middle of their cups with 251 ms (simulated at 45 cups/min), rounded to whole units of
 the timer (machine.yaml)."""
 
+SLOWEST_PER_MIN: Final = 20
+FASTEST_PER_MIN: Final = 90
+"""Planting frequencies that the program serves with its default set-points, cups per minute in each row
+(docs/sources/machine.md 1): below `SLOWEST_PER_MIN` rows are not released, above `FASTEST_PER_MIN` a pulse of the cups
+is implausible."""
 CUP_SHORTEST_X10_MS: Final = 63
-"""Shortest permitted time from cup to cup: 0.667 s at 90 cups per minute (docs/sources/machine.md 1), less 2 % for
-displaced flags and two scans."""
+"""Shortest permitted time from cup to cup: 0.667 s at `FASTEST_PER_MIN`, less 2 % for displaced flags and two scans."""
 CUP_LONGEST_X10_MS: Final = 310
-"""Longest time from cup to cup at which rows are released: 3 s at 20 cups per minute, plus 2 % for displaced flags and
+"""Longest time from cup to cup at which rows are released: 3 s at `SLOWEST_PER_MIN`, plus 2 % for displaced flags and
 two scans. By hand, 21 to 25 seedlings per minute and row are fed (docs/sources/machine.md 1)."""
 LONGEST_CUP_X10_MS: Final = 2_000
 """Longest measured time from cup to cup; a longer or unknown time counts as this one. Twelve times this time does not

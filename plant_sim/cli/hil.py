@@ -141,8 +141,9 @@ class _Judgement:
             picture=self._draw,
             provenance=self._provenance,
         )
-        print(summary(results), *write(options.out, xml, html, self._provenance), sep="\n")
-        if not self._run.is_complete:
+        interrupted = not self._run.is_complete
+        print(summary(results), *write(options.out, xml, html, self._provenance, interrupted=interrupted), sep="\n")
+        if interrupted:
             print(ended, file=sys.stderr)
             return 1 if self._silent else INTERRUPTED
         return 1 if any(each.verdict is CaseVerdict.FAILED for each in results) else 0

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from plant_sim.cli.reproduce.origin import print_json, provenance_of
 from plant_sim.cli.settings import warn_of_ratings
+from plant_sim.common.picture_form import PictureForm, check_picture_options, picture_form
 from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.machine.parameters import load_machine
 
@@ -27,9 +28,10 @@ def run(options: argparse.Namespace) -> int:
     """
     from plant_sim.line.command import line_result  # noqa: PLC0415 - imports the twin, which delays the help text
 
+    check_picture_options(options)
     provenance = provenance_of(options)
     machine = warn_of_ratings(load_machine(options.machine))
-    write = None if options.out is None else _writer(options.out, provenance)
+    write = None if options.out is None else _writer(options.out, provenance, picture_form(options))
     result = line_result(
         options.line, profile=options.profile, metres=options.metres, seed=options.seed, machine=machine
     )
@@ -44,9 +46,9 @@ def run(options: argparse.Namespace) -> int:
     return 0 if result.run.accounted else 1
 
 
-def _writer(out: Path, provenance: Provenance) -> Callable[[LineResult], list[Path]]:
+def _writer(out: Path, provenance: Provenance, form: PictureForm) -> Callable[[LineResult], list[Path]]:
     """Check the folder before the run; return the function that writes the files of a result."""
     from plant_sim.line.write import check_folder, write_result  # noqa: PLC0415 - pyarrow and matplotlib are optional
 
     check_folder(out)
-    return lambda result: write_result(result, out, provenance)
+    return lambda result: write_result(result, out, provenance, form)

@@ -1,16 +1,20 @@
-"""Style of all figures: colour-blind-safe colours, page sizes, and files without timestamps."""
+"""Style of all figures: colour-blind-safe colours, text, and files without timestamps."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from controller.common.document.parts import Drawing
 from controller.common.errors import InputError
+from plant_sim.common.picture_form import DPI, PictureForm
 from plant_sim.common.provenance.provenance import KEY, Provenance
 from plant_sim.common.whole_file import write_whole
 
@@ -43,14 +47,22 @@ STYLE: Final[dict[Any, Any]] = {
     "lines.linewidth": 1.1,
     "legend.frameon": False,
     "svg.hashsalt": "seedling transplanter",
+    "svg.fonttype": "none",  # text remains text, which can be searched and edited
+    "pdf.fonttype": 42,  # TrueType fonts, embedded; journals refuse Type 3
 }
 """Matplotlib settings for drawing and saving."""
 
 
-_METADATA: Final[Mapping[str, Mapping[str, None]]] = {".png": {"Software": None}, ".svg": {"Date": None}}
+_METADATA: Final[Mapping[str, Mapping[str, None]]] = {
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    ".png": {"Software": None},
+    ".svg": {"Date": None},
+}
 """Metadata to omit, by file format."""
-_FIELDS: Final[Mapping[str, str]] = {".png": KEY, ".svg": "Description"}
-"""Field of the metadata that carries the provenance, by file format; SVG has none of its own for it."""
+_FIELDS: Final[Mapping[str, str]] = {".pdf": "Subject", ".png": KEY, ".svg": "Description"}
+"""Field of the metadata that carries the provenance, by file format; SVG and PDF have none of their own for it."""
+_HYPHEN_MINUS: Final = re.compile(r"(?<![\w.,)-])-(?=\.?\d)|(?<=\de)-(?=\d)")
+"""Hyphen that stands for the minus sign of a number."""
 
 
 class FigureError(InputError):
@@ -66,28 +78,34 @@ def drawing() -> Iterator[None]:
         yield
 
 
-def save(figure: Drawing, stem: Path, provenance: Provenance | None = None) -> list[Path]:
-    """Write a figure as PNG and as SVG; equal figures give identical bytes.
+def save(
+    figure: Drawing, stem: Path, provenance: Provenance | None = None, form: PictureForm | None = None
+) -> list[Path]:
+    """Write a figure in every file format of a form; equal figures give identical bytes.
 
     Args:
         figure: Figure to write.
         stem: Path without suffix.
         provenance: Provenance that the files carry.
+        form: File formats and resolution; None = PNG and SVG.
 
     Returns:
-        The two files.
+        The files.
 
     Raises:
         FigureError: A file cannot be written.
     """
-    paths = [stem.with_name(f"{stem.name}{ending}") for ending in _METADATA]
+    form = form or PictureForm()
+    paths = [stem.with_name(f"{stem.name}.{ending}") for ending in form.formats]
     for path in paths:
-        save_as(figure, path, provenance)
+        save_as(figure, path, provenance, dpi=form.dpi)
     return paths
 
 
-def save_as(figure: Drawing, path: Path, provenance: Provenance | None = None) -> None:
-    """Write a figure as PNG or SVG, depending on the suffix; equal figures give identical bytes.
+def save_as(figure: Drawing, path: Path, provenance: Provenance | None = None, *, dpi: int = DPI) -> None:
+    """Write a figure as PNG, SVG or PDF, depending on the suffix; equal figures give identical bytes.
+
+    Negative numbers in its texts are given minus signs.
 
     Raises:
         FigureError: The file cannot be written.
@@ -95,4 +113,21 @@ def save_as(figure: Drawing, path: Path, provenance: Provenance | None = None) -
     metadata: dict[str, str | None] = {**_METADATA[path.suffix]}
     if provenance is not None:
         metadata[_FIELDS[path.suffix]] = provenance.text
-    write_whole(path, lambda part: figure.savefig(part, dpi=150, metadata=metadata), FigureError)
+    if isinstance(figure, Figure):
+        _set_minus_signs(figure)
+    write_whole(path, lambda part: figure.savefig(part, dpi=dpi, metadata=metadata), FigureError)
+
+
+def with_minus_signs(text: str) -> str:
+    """Return a text with minus signs in place of the hyphens of negative numbers.
+
+    >>> with_minus_signs("from -0.5 to 20-30, 2026-11-29, 1e-05")
+    'from \u22120.5 to 20-30, 2026-11-29, 1e\u221205'
+    """
+    return _HYPHEN_MINUS.sub("\N{MINUS SIGN}", text)
+
+
+def _set_minus_signs(figure: Figure) -> None:
+    for text in figure.findobj(Text):
+        if isinstance(text, Text):
+            text.set_text(with_minus_signs(text.get_text()))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -52,12 +53,21 @@ def model_matrix(coded: NDArray[np.float64], names: Sequence[str]) -> NDArray[np
 
 def _column(coded: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     column = np.ones(len(coded))
+    for factor, power in _powers(name, coded.shape[1]):
+        column = column * (coded[:, factor] if power == 1 else coded[:, factor] ** power)
+    return column
+
+
+@cache
+def _powers(name: str, factors: int) -> tuple[tuple[int, int], ...]:
+    """Return the factors of a term, numbered from 0, with their powers; empty for the constant."""
     if name == CONSTANT:
-        return column
+        return ()
+    powers = []
     for part in name.split(" "):
         match = _PART.fullmatch(part)
-        if match is None or int(match[1]) > coded.shape[1]:
-            available = f"the design has X1 to X{coded.shape[1]}"
+        if match is None or int(match[1]) > factors:
+            available = f"the design has X1 to X{factors}"
             raise InputError(f"term {name!r}: {available}; write a term such as X1, 'X1 X2' or X1^2")
-        column = column * coded[:, int(match[1]) - 1] ** (2 if match[2] else 1)
-    return column
+        powers.append((int(match[1]) - 1, 2 if match[2] else 1))
+    return tuple(powers)

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from plant_sim.common.figure_style import QUIET, drawing
+from plant_sim.common.picture_form import PictureForm
 from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.common.provenance.result_files import ResultFiles
 from plant_sim.line.errors import LineError
@@ -59,13 +60,16 @@ def check_folder(out: Path) -> None:
         raise LineError(f"{out}: cannot be created ({os.strerror(number)}); specify another --out")
 
 
-def write_result(result: LineResult, out: Path, provenance: Provenance | None = None) -> list[Path]:
-    """Write ``plants.csv``, ``plants.parquet``, ``rows.png``, ``rows.svg`` and ``result.json``.
+def write_result(
+    result: LineResult, out: Path, provenance: Provenance | None = None, form: PictureForm | None = None
+) -> list[Path]:
+    """Write ``plants.csv``, ``plants.parquet``, the picture ``rows`` with its data, and ``result.json``.
 
     Args:
         result: The result.
         out: Folder, which is created if it does not exist.
         provenance: Provenance, which is also a file if there is one.
+        form: Form of the picture; None = PNG and SVG.
 
     Returns:
         The paths of the files.
@@ -78,7 +82,7 @@ def write_result(result: LineResult, out: Path, provenance: Provenance | None = 
         out.mkdir(exist_ok=True)
     except OSError as error:
         raise LineError(f"{out}: cannot be created ({error.strerror}); specify another --out") from None
-    files = ResultFiles(out, provenance)
+    files = ResultFiles(out, provenance, form=form)
     files.csv("plants.csv", COLUMNS, zip(*(plants.column(name).to_pylist() for name in COLUMNS), strict=True))
     files.parquet("plants.parquet", plants)
     with drawing():
@@ -168,6 +172,7 @@ def _draw_strip(axes: Axes, result: LineResult) -> None:
     axes.set_ylim(0.4, len(result.rows) + 0.6)
     axes.set_xlim(-0.2, _SHOWN_M + 0.2)
     axes.set_xlabel("position along the row, m")
+    axes.set_ylabel("planted row")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, handletextpad=0.2, columnspacing=1.2)
 
 
@@ -181,10 +186,10 @@ def _draw_histogram(axes: Axes, result: LineResult) -> None:
     for factor, label in ((0.5, "0.5"), (1.5, "1.5")):
         axes.axvline(factor * set_cm, color="#AA0044", linestyle=(0, (4, 2)), linewidth=0.9)
         axes.annotate(
-            f"{label} x set", (factor * set_cm, 1.0), (3, -8), xycoords=("data", "axes fraction"),
+            f"{label} × set", (factor * set_cm, 1.0), (3, -8), xycoords=("data", "axes fraction"),
             textcoords="offset points", fontsize=6, color="#AA0044",
         )  # fmt: off
-    axes.set_xlabel("spacing, cm")
+    axes.set_xlabel("plant spacing, cm")
     axes.set_ylabel("number of spacings")
     axes.set_title(
         f"mean {100 * indices.mean_m:.1f} cm, CV {100 * indices.cv:.1f} %, multiple {indices.multiple.percent:.1f} %, "

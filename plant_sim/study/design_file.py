@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -35,9 +35,33 @@ DESIGNS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Keys that a design uses, by its name."""
 
+_TIE = ("to", "low", "high")
 _LEVELS = ("levels", "low", "high", "centre", "step")
 _CENTRES = 6
 _ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Tie:
+    """Parameter that changes together with a factor, linearly between two values.
+
+    Attributes:
+        parameter: The parameter.
+        factor: Number of the factor, from 0.
+        low: Value at the low level of the factor.
+        high: Value at the high level.
+    """
+
+    parameter: StudyParameter
+    factor: int
+    low: float
+    high: float
+
+    def value(self, coded: float) -> float:
+        """Return the value at a coded level of the factor."""
+        value = self.low + (self.high - self.low) * (coded + 1) / 2
+        step = self.parameter.step
+        return step * round(value / step) if self.parameter.is_integer else value
 
 
 @dataclass(frozen=True)
@@ -50,6 +74,7 @@ class FactorDesign:
         factors: Coding of each parameter: -1 and 1 are its low and high levels; empty for a list of points.
         points: Levels in natural units, runs x factors.
         fixed: Other values that differ from those of the base machine.
+        ties: Parameters that change together with a factor.
     """
 
     design: str
@@ -57,6 +82,7 @@ class FactorDesign:
     factors: tuple[Factor, ...]
     points: NDArray[np.float64]
     fixed: Mapping[StudyParameter, float]
+    ties: tuple[Tie, ...] = field(default=(), kw_only=True)
 
     @property
     def settings(self) -> list[FactorSetting]:
@@ -70,8 +96,12 @@ class FactorDesign:
 
     def setting(self, point: Iterable[float]) -> FactorSetting:
         """Return the factor setting of one point."""
-        varied = zip(self.parameters, map(float, point), strict=True)
-        return FactorSetting({each.name: each.setting(value) for each, value in (*self.fixed.items(), *varied)})
+        levels = list(map(float, point))
+        varied = zip(self.parameters, levels, strict=True)
+        tied = (
+            (each.parameter, each.value(self.factors[each.factor].coded(levels[each.factor]))) for each in self.ties
+        )
+        return FactorSetting({each.name: each.setting(value) for each, value in (*self.fixed.items(), *varied, *tied)})
 
 
 def design_keys(designs: Iterable[str]) -> list[str]:
@@ -150,7 +180,8 @@ class DesignReader:
         for column, each in enumerate(parameters):
             if each.is_integer and name != "factorial":
                 points[:, column] = each.step * np.round(points[:, column] / each.step)
-        return FactorDesign(name, parameters, factors, points, self._fixed(parameters))
+        fixed = self._fixed(parameters)
+        return FactorDesign(name, parameters, factors, points, fixed, ties=self._ties(parameters, fixed))
 
     def _named(self, key: str) -> Section:
         section = self.file.section(key)
@@ -221,6 +252,22 @@ class DesignReader:
         fixed = [self._parameter(section, name) for name in section]
         return {each: section.read(each.name, each.read) for each in fixed}
 
+    def _ties(self, parameters: Sequence[StudyParameter], fixed: Mapping[StudyParameter, float]) -> tuple[Tie, ...]:
+        section = self.file.section("tied") if "tied" in self.file else None
+        if section is None:
+            return ()
+        names, ties = [each.name for each in parameters], []
+        for name in section:
+            if name in names or name in [each.name for each in fixed]:
+                raise section.error(name, f"is also {'a factor' if name in names else 'fixed'}; delete one")
+            entry = section.section(name, _TIE)
+            if entry is None or sorted(entry) != sorted(_TIE):
+                raise section.error(name, "must have {to:, low:, high:}: a factor, and the values at its two levels")
+            each = self._parameter(section, name)
+            factor = entry.read("to", one_of("factor", names))
+            ties.append(Tie(each, names.index(factor), entry.read("low", each.read), entry.read("high", each.read)))
+        return tuple(ties)
+
     def _check(self, design: FactorDesign) -> None:
         """Check that every setting is valid for the machine."""
         for number, point in enumerate(design.points):
@@ -236,9 +283,8 @@ class DesignReader:
         name = str(error).partition(":")[0]
         key = "points" if design.design == "list" else "factors" if design.parameters else "fixed"
         varied = self.file.sections(key, None)[number] if key == "points" else self.file.section(key)
-        source = next(
-            (each for each in (varied, self.file.section("fixed")) if each is not None and name in each), None
-        )
+        sections = (varied, self.file.section("fixed"), self.file.section("tied") if "tied" in self.file else None)
+        source = next((each for each in sections if each is not None and name in each), None)
         hint = ""
         if design.design == "central-composite" and np.abs(design.coded[number]).max() > 1 + _ROUNDING:
             hint = ", an axial point; reduce the distance between low and high, or use axial: 1"

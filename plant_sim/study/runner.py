@@ -51,7 +51,7 @@ class RunOptions:
     io_map_file: Path | None = None
 
     def run(self, settings: Sequence[FactorSetting]) -> list[list[TrialReport]]:
-        """Run the trials at each setting.
+        """Run the trials at each setting; the position of a setting determines the seeds of its trials.
 
         Args:
             settings: The settings, all checked before the first trial.
@@ -62,11 +62,25 @@ class RunOptions:
         Raises:
             StudyError: A setting or a number is invalid, or a process was killed.
         """
+        return self.run_indexed(list(enumerate(settings)))
+
+    def run_indexed(self, settings: Sequence[tuple[int, FactorSetting]]) -> list[list[TrialReport]]:
+        """Run the trials at each setting.
+
+        Args:
+            settings: The settings, each after its index, which determines the seeds of its trials.
+
+        Returns:
+            Reports by setting and trial; see `run`.
+
+        Raises:
+            StudyError: A setting or a number is invalid, or a process was killed.
+        """
         _check_numbers(len(settings), self.trials, self.seedlings)
-        configurations = [(setting.machine(self.machine), setting.set_points()) for setting in settings]
+        configurations = [(index, setting.machine(self.machine), setting.set_points()) for index, setting in settings]
         fleet = [
             FleetMachine(trial_seed(self.seed, index, trial), parameters, set_points, seedlings=self.seedlings)
-            for index, (parameters, set_points) in enumerate(configurations)
+            for index, parameters, set_points in configurations
             for trial in range(self.trials)
         ]
         reports = run_fleet(fleet, io_map=self.io_map, workers=self.workers, progress=self.progress)
@@ -157,12 +171,14 @@ class OverallProgress:
         self._planned = planned
         self._started = 0
         self._done = 0
+        self._done_in_batch = 0
 
     def __call__(self, done: int, total: int) -> None:
-        """Count a completed trial of a batch."""
-        if done == 1:
+        """Count the completed trials of a batch, which may be reported several at a time."""
+        if self._done_in_batch == 0:
             self._started += total
-        self._done += 1
+        self._done += done - self._done_in_batch
+        self._done_in_batch = 0 if done == total else done
         self._progress(self._done, max(self._planned, self._started))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from controller.common.document.parts import Heading, Picture, Table
-from plant_sim.common.figure_style import COLOURS
+from plant_sim.common.figure_style import COLOURS, drawing
 from plant_sim.line.file import DriveEntry, LineFile, SlipEntry, find_line, load_line
 from plant_sim.line.indices import planting_rates, spacing_indices
 from plant_sim.line.planting import ChainPlanter
@@ -79,6 +79,8 @@ def slip_study(machine: Machine, *, seed: int, metres: float = METRES) -> Study:
         parts=(
             f"Cabbage line, rows of {metres:g} m at {_speed_km_h(line):g} km/h, set spacing {100 * line.spacing:g} cm, "
             f"seed {seed}. Slip is constant within patches of {_slip(line).patch:g} m; its values are assumed.",
+            "What was fitted to what: the mean clearance of the block and the share of blocks that stick are fitted "
+            "to part of Table 2 of the cabbage paper (study planter-lodging); spacing and slip are not fitted.",
             Heading("Rows"),
             _table(points, line),
             _picture(points),
@@ -181,24 +183,34 @@ def _table(points: Sequence[SlipPoint], line: LineFile) -> Table:
 
 
 def _picture(points: Sequence[SlipPoint]) -> Picture:
-    figure = Figure(figsize=(7.2, 2.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    colours = list(COLOURS.values())
-    wheel = [point for point in points if point.drive == "ground wheel"]
-    for mean, colour in zip(MEANS, colours, strict=False):
-        group = [point for point in wheel if point.mean == mean]
-        sds = [100 * point.sd for point in group]
-        left.plot(sds, [100 * point.precision for point in group], "o", color=colour, label=f"mean slip {mean:.0%}")
-        left.plot(sds, [100 * point.expected for point in group], color=colour, linewidth=0.8)
-        right.plot([100 * point.spacing_m for point in group], [point.ratio_low for point in group], "v", color=colour)
-        right.plot([100 * point.spacing_m for point in group], [point.ratio_high for point in group], "^", color=colour)
-    left.set_xlabel("standard deviation of the slip, %")
-    left.set_ylabel("CV of the spacing, %")
-    left.legend(fontsize=7)
-    right.axhline(1.0, color=colours[-1], linewidth=0.6)
-    right.set_xlabel("mean spacing, cm")
-    right.set_ylabel("λ, 5th and 95th percentile")
-    return Picture("slip", "Scatter of the spacing (points: rows, lines: closed form), and λ at the release", figure)
+    with drawing():
+        figure = Figure(figsize=(7.2, 2.8), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        colours = list(COLOURS.values())
+        wheel = [point for point in points if point.drive == "ground wheel"]
+        for mean, colour in zip(MEANS, colours, strict=False):
+            group = [point for point in wheel if point.mean == mean]
+            sds = [100 * point.sd for point in group]
+            left.plot(sds, [100 * point.precision for point in group], "o", color=colour, label=f"mean slip {mean:.0%}")
+            left.plot(sds, [100 * point.expected for point in group], color=colour, linewidth=0.8)
+            right.plot(
+                [100 * point.spacing_m for point in group], [point.ratio_low for point in group], "v", color=colour
+            )
+            right.plot(
+                [100 * point.spacing_m for point in group], [point.ratio_high for point in group], "^", color=colour
+            )
+        left.set_xlabel("standard deviation of the slip, %")
+        left.set_ylabel("coefficient of variation of the spacing, %")
+        left.legend(fontsize=7)
+        right.axhline(1.0, color=colours[-1], linewidth=0.6)
+        right.set_xlabel("mean plant spacing, cm")
+        right.set_ylabel("ratio λ of chain speed to machine speed")
+    return Picture(
+        "slip",
+        "Scatter of the spacing (points: rows, lines: closed form), and λ at the release, 5th percentile (triangles "
+        "down) and 95th (up)",
+        figure,
+    )
 
 
 def _record(point: SlipPoint) -> dict[str, object]:

@@ -179,7 +179,7 @@ for name in ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "S
             ("plant_sim", ("trial", "--trays", "1"), "seedlings 72: "),
             ("controller", ("prove", "--short", "--goal", "left: down away from feed"), "proved"),
             ("plant_sim", ("study", "cabbage-rsm", "--data", "printed"), "="),
-            ("plant_sim", ("study", "throughput", "--frequencies", "45", "--workers", "1", "--seedlings", "12"), "="),
+            ("plant_sim", ("study", "pepper-rsm", "--trials", "1", "--workers", "1", "--seedlings", "12"), "="),
         ],
     ),
     ids=["ladder", "trial", "prove", "study of a table", "study with trials"],

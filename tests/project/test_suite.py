@@ -18,7 +18,7 @@ from tests.suite.parts import TABLE, Case, PartError, part_of, parts, problems, 
 from tests.suite.selection import Selection
 
 CHECKS = ["ruff check .", "ruff format --check .", "mypy", "lint-imports"]
-PYTEST = "pytest -c pyproject.toml -n 4 --dist worksteal"
+PYTEST = "pytest -c pyproject.toml -n 3 --dist worksteal"
 TOOL = """#!/usr/bin/env bash
 echo "$(basename "$0") $*" | sed 's/ $//' >>"{log}"
 case "$(basename "$0") $*" in *"$FAILING"*) exit 3 ;; esac

@@ -26,8 +26,8 @@ CHECKS: Final = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("m
 TOOLS: Final = Path(sys.executable).parent
 SETTINGS: Final = ("-c", "pyproject.toml")
 """Named because pytest looks for its settings at a file that exists among its arguments, such as that of an option."""
-WORKERS: Final = ("-n", "4", "--dist", "worksteal")
-"""Four workers for two cores: tests wait for processes and browsers during a fifth of the time."""
+WORKERS: Final = ("-n", "3", "--dist", "worksteal")
+"""Three workers for two cores: tests wait for processes and browsers during a fifth of the time."""
 ENDING_S: Final = 30
 """Time in which an interrupted tool must end by itself, s."""
 INTERRUPTED: Final = 128 + signal.SIGINT

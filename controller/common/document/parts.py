@@ -6,9 +6,12 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 Cell = str | int | float | None
+
+PICTURE_FORMATS: Final = ("png", "svg")
+"""File formats of a picture by default."""
 
 _NAME = re.compile("[a-z0-9]+(-[a-z0-9]+)*")
 _NUMBER = re.compile(r"[<>]?[+-]?\d+(\.\d+)?(e[+-]?\d+)?")
@@ -84,17 +87,28 @@ class Drawing(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """Picture, written as a PNG and an SVG file.
+    """Picture, with a file in each of its formats and its data as CSV.
 
     Attributes:
         name: File stem, lower-case words with hyphens.
         caption: Caption.
         figure: Its drawing.
+        formats: File formats.
     """
 
     name: str
     caption: str
     figure: Drawing
+    formats: tuple[str, ...] = PICTURE_FORMATS
+
+    @property
+    def data_file(self) -> str:
+        """File with the data of the drawing."""
+        return f"{self.name}.data.csv"
+
+    def shown_file(self, *preferred: str) -> str:
+        """Return the file to show on a page: in the first of the preferred formats that exists, else in any format."""
+        return f"{self.name}.{next((each for each in preferred if each in self.formats), self.formats[0])}"
 
     def __post_init__(self) -> None:
         """Check the name."""

@@ -69,8 +69,7 @@ def markdown(title: str, parts: Iterable[Part], *, is_literal: bool = True) -> s
             case Table():
                 blocks.append(_markdown_table(part, _escaped if is_literal else _without_bars))
             case Picture():
-                caption = literal(part.caption)
-                blocks.append(f"![{caption}]({part.name}.png)\n\n{caption} ([SVG]({part.name}.svg))")
+                blocks.append(_markdown_picture(part, literal(part.caption)))
             case str():
                 blocks.append(_escaped_paragraph(part) if is_literal else part)
     return "\n\n".join(blocks) + "\n"
@@ -99,9 +98,7 @@ def html(title: str, parts: Iterable[Part], *, meta: Mapping[str, str] | None = 
             case Table():
                 blocks.append(_html_table(part))
             case Picture():
-                caption, name = escape(part.caption), part.name
-                image = f'<img src="{name}.svg" alt="{caption}">'
-                blocks.append(f"<figure>\n{image}\n<figcaption>{caption}</figcaption>\n</figure>")
+                blocks.append(_html_picture(part))
             case str():
                 blocks.append(f"<p>{escape(part)}</p>")
     named = "".join(f'<meta name="{escape(name)}" content="{escape(text)}">\n' for name, text in (meta or {}).items())
@@ -181,6 +178,28 @@ def _markdown_table(table: Table, literal: Callable[[str], str], *, is_tight: bo
         lines[1] = lines[1].replace(" ", "")
     caption = [f"**{literal(table.caption)}** ([CSV]({table.name}.csv))", ""] if table.name else []
     return "\n".join([*caption, *lines])
+
+
+def _markdown_picture(picture: Picture, caption: str) -> str:
+    """Return a picture with links to its other formats and its data; PDF alone is only linked."""
+    shown = picture.shown_file("png", "svg")
+    others = [each for each in picture.formats if f"{picture.name}.{each}" != shown or each == "pdf"]
+    links = [*(f"[{each.upper()}]({picture.name}.{each})" for each in others), f"[data]({picture.data_file})"]
+    image = "" if shown.endswith(".pdf") else f"![{caption}]({shown})\n\n"
+    return f"{image}{caption} ({', '.join(links)})"
+
+
+def _html_picture(picture: Picture) -> str:
+    """Return a picture with links to its other formats and its data; PDF alone is only linked."""
+    caption, shown = escape(picture.caption), picture.shown_file("svg", "png")
+    files = [f"{picture.name}.{each}" for each in picture.formats]
+    if shown.endswith(".pdf"):
+        image = ""
+    else:
+        image = f'<img src="{shown}" alt="{caption}">\n'
+        files.remove(shown)
+    links = " ".join(f'<a href="{name}">{name}</a>' for name in (*files, picture.data_file))
+    return f'<figure>\n{image}<figcaption>{caption}</figcaption>\n</figure>\n<p class="file">{links}</p>'
 
 
 def _html_table(table: Table) -> str:

@@ -365,11 +365,10 @@ def _of_machine(
             machine.manual & any_of(*(coil & ~_jogged(tags, tag) for tag, coil in tags.moving.items())),
         ),
         "full rows leave without an order": (
-            "a tray leaves with full rows only on the answer 'none', to empty the line, or for an arm out of service",
+            "a tray leaves with full rows only to empty the line, or for an arm out of service",
             all_of(
                 tags.tray.leaves & tags.tray.phase.equals(MOVING_OUT),
                 any_of(*(row.equals(FULL) & ~arm.out_of_service for arm in arms for row in arm.rows.values())),
-                ~tags.commands.tray_none,
                 ~machine.emptying,
             ),
         ),

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from controller.common.arguments.number_type import number
-from plant_sim.cli.options.shared import SEED
+from plant_sim.cli.options.shared import SEED, add_picture_arguments
 from plant_sim.common.defaults import DEFAULT_MACHINE
 
 MOST_METRES = 100_000.0
@@ -28,3 +28,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=None, metavar="DIR", help="folder for the plants as CSV and Parquet and a picture"
     )
+    add_picture_arguments(parser)

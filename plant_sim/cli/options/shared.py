@@ -10,6 +10,7 @@ from controller.common.arguments.number_type import PORT, integer, number
 from controller.iomap.loader import DEFAULT_IO_MAP
 from plant_sim.common.capacity import MOST_TRAYS
 from plant_sim.common.defaults import DEFAULT_MACHINE, DEFAULT_PORT
+from plant_sim.common.picture_form import DPI, LEAST_DPI, MOST_DPI, formats_of
 
 LONGEST_TRIAL_S: Final = 1_000_000
 """Longest machine time of a trial, s."""
@@ -93,6 +94,22 @@ def add_out_argument(parser: argparse.ArgumentParser, files: str) -> None:
     """Add the option for the folder of a result, which `results_of` opens."""
     parser.add_argument(
         "--out", type=Path, default=None, metavar="DIR", help=f"folder for {files}, with their provenance"
+    )
+
+
+def add_picture_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the form of the pictures in ``--out``; `picture_form` makes it."""
+    parser.add_argument(
+        "--format",
+        type=formats_of,
+        metavar="LIST",
+        help="with --out: file formats of the pictures, pdf, png and svg, e.g. pdf,svg (default: png,svg)",
+    )
+    parser.add_argument(
+        "--dpi",
+        type=integer(LEAST_DPI, MOST_DPI),
+        metavar="N",
+        help=f"with --out: resolution of PNG pictures, dots per inch (default: {DPI})",
     )
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from controller.common.arguments.number_type import integer, number
+from plant_sim.cli.options.shared import add_picture_arguments
+from plant_sim.cli.study.experiment_options import add_experiment_arguments
 from plant_sim.common.capacity import MOST_SEEDLINGS
 
 STUDIES: Final[Mapping[str, str]] = {
@@ -21,6 +23,8 @@ STUDIES: Final[Mapping[str, str]] = {
     "planter-lodging": "lodging and injury on the cabbage paper's bench",
     "line-slip": "spacing of the plants over the slip of the ground wheel",
     "own": "a custom study",
+    "analyse": "a table of trials of your own (CSV), which never saw the twin",
+    "plan": "trials that a difference needs, or the runs of a design and the power of its tests",
     "campaign": "runs over factors, faults and seeds, stored in --out and resumed there",
 }
 """One-line description of each study, by its name."""
@@ -33,7 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     names = "; ".join(f"{name}: {about}" for name, about in STUDIES.items())
     parser.add_argument("name", choices=tuple(STUDIES), metavar="NAME", help=names)
     parser.add_argument(
-        "file", nargs="?", type=Path, metavar="FILE", help="with own and campaign: the YAML file of the study"
+        "file",
+        nargs="?",
+        type=Path,
+        metavar="FILE",
+        help="with own and campaign: the YAML file of the study; with analyse: the CSV table",
     )
     parser.add_argument(
         "--data",
@@ -67,6 +75,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with throughput: planting frequencies, plants per minute per row, e.g. 20..90/10 or 20,30,45",
     )
     parser.add_argument("--workers", type=integer(1), metavar="N", help="parallel processes (default: one per core)")
+    add_experiment_arguments(parser)
+    add_picture_arguments(parser)
     _add_campaign(parser)
     parser.add_argument("--machine", type=Path, metavar="FILE", help="parameters of the machine")
     parser.add_argument("--io-map", type=Path, metavar="FILE", help="I/O map of the machine")

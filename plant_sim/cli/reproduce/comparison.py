@@ -1,4 +1,4 @@
-"""ResultComparison of a result with the same result computed again."""
+"""Comparison of a result with the same result computed again."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ABSOLUTE: Final = 1e-9
 last digits differ by the order of the additions."""
 _NUMBER: Final = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?![\w.])")
 _SVG: Final = re.compile(r"<svg\b.*?</svg>", re.DOTALL)
-_PICTURES: Final = frozenset({".png", ".svg", ".gif"})
+_PICTURES: Final = frozenset({".pdf", ".png", ".svg", ".gif"})
 _RUNS: Final = "runs"
 """Folder of the result files of a campaign, which contain its runs in the order of their completion."""
 _OF_VERSION: Final = ("key", "version")
@@ -40,7 +40,7 @@ def environment_changes(theirs: Mapping[str, str], ours: Mapping[str, str]) -> l
 
 
 class ResultComparison:
-    """ResultComparison, file by file.
+    """Comparison of a result, file by file.
 
     Attributes:
         is_equal: Whether all files compared so far are equal.

@@ -78,6 +78,8 @@ class _Reader:
         if command not in REPRODUCED:
             raise self._refusal("command", f"{command!r} is not reproduced; {suggestion(command, REPRODUCED, '')}")
         self._check_version()
+        if self._record.get("interrupted") is not False:
+            raise self._refusal("interrupted", "a signal ended the run, at a moment that is not known; run it again")
         settings = self._mapping("settings")
         if command in _UNTIMED:
             name, value = _UNTIMED[command]

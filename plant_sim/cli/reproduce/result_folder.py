@@ -34,4 +34,4 @@ def result_folder(options: argparse.Namespace, provenance: Provenance) -> Iterat
     record: Path | None = getattr(options, "record", None)
     if record is not None and record.is_file() and record.parent.resolve() == folder.resolve():
         files.add([folder / record.name])
-    files.finish()
+    files.finish(interrupted=options.stop.is_set())

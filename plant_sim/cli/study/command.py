@@ -12,10 +12,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.set_points import FASTEST_PER_MIN, SLOWEST_PER_MIN
 from plant_sim.cli.reproduce.origin import provenance_of
-from plant_sim.cli.study import campaign
+from plant_sim.cli.study import campaign, experiments
+from plant_sim.cli.study.experiment_options import ANALYSE, PLAN
 from plant_sim.cli.study.progress import busy, study_progress
 from plant_sim.common.defaults import DEFAULT_MACHINE
+from plant_sim.common.picture_form import PICTURE_OPTIONS, check_picture_options, picture_form
 from plant_sim.common.units import QuantityError, parse_quantity
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.errors import StudyError
@@ -30,6 +33,7 @@ _RUN = ("trials", "seed", "seedlings", "workers", "machine", "io_map")
 _PACE = ("spacing", "frequencies")
 _DRAWS = ("trials", "seed", "workers")
 _CLUSTER = ("engine", "scheduler", "timeout", "shard")
+_EXPERIMENTS = tuple(name for name in dict.fromkeys((*ANALYSE, *PLAN)) if name not in _RUN)
 _RANGE = re.compile(r"(\d+)\.\.(\d+)/(\d+)")
 
 
@@ -71,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     sys.stdout.write(f"{study.json(provenance) if options.json else study.text()}\n")
     sys.stdout.flush()
     if options.out is not None:
-        for path in write(study, options.out, provenance):
+        for path in write(study, options.out, provenance, picture_form(options)):
             sys.stderr.write(f"{path}\n")
     return 0
 
@@ -80,12 +84,18 @@ def _check(options: argparse.Namespace, entry: _StudyEntry) -> None:
     name = options.name
     if (options.file is None) == ("file" in entry.options):
         missing = options.file is None
-        remedy = "specify the YAML file of the study" if missing else "omit it, or use the study own or campaign"
+        kind = "CSV table of the trials" if name == "analyse" else "YAML file of the study"
+        remedy = f"specify the {kind}" if missing else "omit it, or use the study own, analyse or campaign"
         raise StudyError(f"FILE: {'is missing' if missing else f'has no effect with {name}'}; {remedy}")
     if options.data is not None and options.data not in entry.data:
         there = f"use {' or '.join(entry.data)}" if entry.data else "omit it"
         raise StudyError(f"--data {options.data}: is not a data set of {name}; {there}")
-    for option in (*_RUN, *_PACE, *_CLUSTER):
+    if entry.make is None:
+        for option in PICTURE_OPTIONS:
+            if getattr(options, option) is not None:
+                raise StudyError(f"--{option}: has no effect with {name}, which draws no pictures; omit it")
+    check_picture_options(options)
+    for option in (*_RUN, *_PACE, *_CLUSTER, *_EXPERIMENTS):
         if getattr(options, option) is None:
             continue
         flag = f"--{option.replace('_', '-')}"
@@ -105,8 +115,6 @@ def _spacing_m(text: str) -> float:
 
 def _frequencies_per_min(text: str) -> tuple[int, ...]:
     """Return the planting frequencies of a range, ``20..90/10``, or a list, ``20,30,45``, 1/min."""
-    from plant_sim.study.throughput.pace import FASTEST_PER_MIN, SLOWEST_PER_MIN  # noqa: PLC0415
-
     ends = _RANGE.fullmatch(text.replace(" ", ""))
     if ends is not None:
         low, high, step = map(int, ends.groups())
@@ -184,13 +192,13 @@ def _calibration(options: argparse.Namespace) -> Study:
 
 
 def _throughput(options: argparse.Namespace) -> Study:
-    from plant_sim.study.throughput.driving import FREQUENCIES_PER_MIN  # noqa: PLC0415
+    from plant_sim.study.throughput.driving import FREQUENCIES_PER_MIN, LEAST_TRIALS  # noqa: PLC0415
     from plant_sim.study.throughput.study import throughput_study  # noqa: PLC0415
 
     spacing_m = None if options.spacing is None else _spacing_m(options.spacing)
     text = options.frequencies
     frequencies = FREQUENCIES_PER_MIN if text is None else _frequencies_per_min(text)
-    with _run_options(options, trials=1) as run_options:
+    with _run_options(options, trials=LEAST_TRIALS) as run_options:
         return throughput_study(run_options, frequencies_per_min=frequencies, spacing_m=spacing_m)
 
 
@@ -276,5 +284,7 @@ _STUDIES: Mapping[str, _StudyEntry] = {
     "planter-lodging": _StudyEntry(_planter_lodging, (*_DRAWS, "seedlings")),
     "line-slip": _StudyEntry(_line_slip, ("seed",)),
     "own": _StudyEntry(_custom, (*_RUN, "file")),
+    "analyse": _StudyEntry(experiments.analyse, (*ANALYSE, "file")),
+    "plan": _StudyEntry(experiments.plan, PLAN),
     "campaign": _StudyEntry(None, (*_RUN, *_CLUSTER, "file")),
 }

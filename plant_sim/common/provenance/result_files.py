@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from controller.common.document.parts import Drawing, Part
 from controller.common.document.rendering import csv_text, html, markdown
 from controller.common.errors import InputError
+from plant_sim.common.picture_form import PictureForm
 from plant_sim.common.provenance.content import content_hash
 from plant_sim.common.provenance.provenance import KEY, Provenance
 from plant_sim.common.whole_file import write_whole
@@ -24,7 +25,7 @@ PROVENANCE_FILE: Final = "provenance.json"
 """File with the provenance, and with the date, host and duration of the run, which no other file contains."""
 GIVEN: Final = "given"
 """Folder, beside the results, of the files that the user gave."""
-LIBRARIES: Final = ("llvmlite", "matplotlib", "numba", "numpy", "pyarrow", "pymunk", "scipy", "statsmodels")
+LIBRARIES: Final = ("llvmlite", "matplotlib", "numba", "numpy", "pyDOE3", "pyarrow", "pymunk", "scipy", "statsmodels")
 """Libraries of which a result may depend."""
 
 
@@ -35,18 +36,26 @@ class ResultFiles:
         paths: Files written so far.
     """
 
-    def __init__(self, folder: Path, provenance: Provenance | None, error_type: type[InputError] = InputError) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        provenance: Provenance | None,
+        error_type: type[InputError] = InputError,
+        form: PictureForm | None = None,
+    ) -> None:
         """Write to a folder that exists.
 
         Args:
             folder: Folder.
             provenance: Provenance of the result.
             error_type: Type of the exception raised if a file cannot be written.
+            form: Form of the pictures; None = PNG and SVG.
         """
         self.paths: list[Path] = []
         self._folder = folder
         self._provenance = provenance
         self._error_type = error_type
+        self._form = form
 
     def text(self, name: str, text: str) -> None:
         """Write a text that carries its provenance itself, or in a format that has no place for one."""
@@ -82,21 +91,29 @@ class ResultFiles:
         self.text(name, markdown(title, [*self._parts(), *parts], is_literal=is_literal))
 
     def picture(self, stem: str, figure: Drawing) -> None:
-        """Write a figure as PNG and SVG with the provenance in their metadata; call it within `figure_style.drawing`.
+        """Write a figure with the provenance in its metadata, and its data; call it within `figure_style.drawing`.
 
         Raises:
-            FigureError: A file cannot be written.
+            InputError: A file cannot be written.
         """
+        from matplotlib.figure import Figure  # noqa: PLC0415 - matplotlib takes a second to import
+
+        from plant_sim.common.figure_data import DrawnMark, drawn_marks  # noqa: PLC0415 - imports matplotlib
         from plant_sim.common.figure_style import save  # noqa: PLC0415 - matplotlib takes a second to import
 
-        self.paths += save(figure, self._folder / stem, self._provenance)
+        self.paths += save(figure, self._folder / stem, self._provenance, self._form)
+        if isinstance(figure, Figure):
+            self.csv(f"{stem}.data.csv", DrawnMark._fields, drawn_marks(figure))
 
     def add(self, paths: Iterable[Path]) -> None:
         """Add files that another writer has written with their provenance."""
         self.paths += paths
 
-    def finish(self) -> list[Path]:
+    def finish(self, *, interrupted: bool = False) -> list[Path]:
         """Write `PROVENANCE_FILE` and copy the files that the user gave; return all files.
+
+        Args:
+            interrupted: Whether a signal ended the run, so that the result depends on its moment.
 
         Raises:
             InputError: A file cannot be written.
@@ -115,6 +132,7 @@ class ResultFiles:
             "given": given,
             "files": dict(sorted(results.items())),
             "environment": environment(),
+            "interrupted": interrupted,
             "date": provenance.begin.isoformat(timespec="seconds"),
             "host": platform.node(),
             "duration_s": round(time.perf_counter() - provenance.begin_s, 3),

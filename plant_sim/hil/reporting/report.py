@@ -119,9 +119,9 @@ def page(
     )
 
 
-def write(folder: Path, xml: bytes, html: str, provenance: Provenance) -> list[Path]:
+def write(folder: Path, xml: bytes, html: str, provenance: Provenance, *, interrupted: bool = False) -> list[Path]:
     """Write ``hil.xml`` and ``hil.html`` to a folder with their provenance; return the paths of all files."""
     files = ResultFiles(folder, provenance)
     files.text("hil.xml", xml.decode())
     files.text("hil.html", html)
-    return files.finish()
+    return files.finish(interrupted=interrupted)

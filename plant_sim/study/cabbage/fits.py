@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from plant_sim.common.paper_sheet import equation, sheet
 from plant_sim.common.polynomial import CONSTANT, Polynomial
 from plant_sim.study.doe.regression import Fit, fit, terms
+from plant_sim.study.doe.weighted import WeightedFit, weighted_fit
 from plant_sim.study.paper_tables import Experiment
+
+RUN_SEEDLINGS: Final = 360
+"""Seedlings of a run: three trials of 120. The number of a trial is assumed; an equal number in all runs only scales
+the dispersion."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +32,8 @@ class Response:
         r2: R² as printed.
         full: The full quadratic model fitted to the data.
         reduced: The model fitted with only the terms of the printed equation.
+        weighted: The full quadratic model fitted to the shares as counts of trials.
+        weighted_reduced: The same with only the terms of the printed equation.
     """
 
     name: str
@@ -34,6 +43,8 @@ class Response:
     r2: float
     full: Fit
     reduced: Fit
+    weighted: WeightedFit
+    weighted_reduced: WeightedFit
 
     @property
     def anova_sheet(self) -> str:
@@ -51,14 +62,19 @@ def _response(experiment: Experiment, name: str, label: str, number: int) -> Res
     r2 = sheet("cabbage-r2")
     measured = experiment.responses[name]
     reduced_terms = [term for term in printed if term != CONSTANT]
+    full_terms = terms(len(experiment.factors), "quadratic")
+    totals = np.full(len(measured), float(RUN_SEEDLINGS))
+    counts = measured / 100 * totals
     return Response(
         name=name,
         label=label,
         number=number,
         printed=Polynomial(printed),
         r2=float(r2.numbers("r2")[r2.texts("response").index(name)]),
-        full=fit(experiment.coded, measured, terms(len(experiment.factors), "quadratic")),
+        full=fit(experiment.coded, measured, full_terms),
         reduced=fit(experiment.coded, measured, reduced_terms),
+        weighted=weighted_fit(experiment.coded, counts, totals, full_terms),
+        weighted_reduced=weighted_fit(experiment.coded, counts, totals, reduced_terms),
     )
 
 

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.common.paper_sheet import sheet
-from plant_sim.study.cabbage.fits import Response, equation_agreement, reproduces, responses, table_3_agreement
+from plant_sim.study.cabbage.fits import (
+    RUN_SEEDLINGS,
+    Response,
+    equation_agreement,
+    reproduces,
+    responses,
+    table_3_agreement,
+)
 from plant_sim.study.doe.design import full_factorial, orthogonal_axial, rotatable_axial, to_coded, to_natural
 from plant_sim.study.doe.optimum import Front, best, pareto
 from plant_sim.study.paper_tables import (
@@ -39,6 +46,7 @@ from plant_sim.study.report.fit_parts import (
 )
 from plant_sim.study.report.study import Study
 from plant_sim.study.report.surface import pareto_front
+from plant_sim.study.report.weighted_parts import effects_table, weighted_parts
 
 LOW: Final = (-1.0, -1.0, -1.0)
 HIGH: Final = (1.0, 1.0, 1.0)
@@ -63,8 +71,11 @@ def cabbage_study(data: CabbageData) -> Study:
     both = responses(experiment)
     front = pareto(both[0].reduced, both[1].reduced, LOW, HIGH, _FRONT_POINTS)
     parts: list[Part] = [
-        *(doubt for each in both for doubt in doubts(f"{each.name}, full quadratic", each.full)),
-        *(doubt for each in both for doubt in doubts(f"{each.name}, reduced model", each.reduced)),
+        "What was fitted to what: equations 10 and 11, the least squares refits and the weighted fits are all fitted "
+        "to the runs of Table 2, so their agreement with these runs is in-sample; the predicted R² leaves runs out. "
+        "The weighted fits are the analysis; least squares stays beside them, as printed.",
+        *(doubt for each in both for doubt in doubts(f"{each.name}, full quadratic", each.weighted)),
+        *(doubt for each in both for doubt in doubts(f"{each.name}, reduced model", each.weighted_reduced)),
         *_design_parts(experiment, data),
         *_summary_parts(both, data),
     ]
@@ -181,6 +192,17 @@ def _response_parts(response: Response) -> list[Part]:
             {paper: response.printed.coefficients, "reduced": response.reduced.values, "full": response.full.values},
             fit=response.reduced,
         ),
+        f"Weighted fit, with the share of each run taken as that of {RUN_SEEDLINGS} seedlings (three trials of 120, "
+        "assumed). Other numbers, equal in all runs, change only the dispersion.",
+        *weighted_parts(name, response.weighted, response=response.label, is_simulated=False),
+        effects_table(
+            f"{name}-weighted-coefficients",
+            f"Weighted coefficients of {response.label}: full quadratic with its error, interval and P; reduced: the "
+            "terms of the equation only",
+            {"reduced": response.weighted_reduced.values, "full": response.weighted.values},
+            response.weighted,
+            is_simulated=False,
+        ),
         f"R² of the reduced model is {response.reduced.r2:.4f}; the paper's {response.r2:.4f} is that of the full one.",
         *fit_pictures(
             name,
@@ -220,7 +242,11 @@ def _optimum_parts(both: tuple[Response, Response]) -> list[Part]:
             CABBAGE_FACTORS,
             response=each.name,
             points=points,
-            surfaces={f"eq. {each.number}": each.printed, "reduced refit": each.reduced},
+            surfaces={
+                f"eq. {each.number}": each.printed,
+                "reduced refit": each.reduced,
+                "weighted, reduced": each.weighted_reduced,
+            },
         )
         for each in both
     ]
@@ -322,6 +348,8 @@ def _response_record(response: Response, points: Mapping[str, NDArray[np.float64
         },
         "full": fit_record(response.full),
         "reduced": fit_record(response.reduced),
+        "weighted": fit_record(response.weighted),
+        "weighted_reduced": fit_record(response.weighted_reduced),
         "reproduced": reproduces(response),
         "table_3": table_3_agreement(response)._asdict(),
         "equation": equation_agreement(response)._asdict(),

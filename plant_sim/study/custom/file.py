@@ -25,7 +25,7 @@ Model = Literal["none", "linear", "interactions", "quadratic"]
 _MODELS: Sequence[Model] = get_args(Model)
 
 _DESIGNS = ("factorial", "central-composite", "latin-hypercube")
-_KEYS = ("name", "title", "replicates", "seed", "seedlings", "responses", "model")
+_KEYS = ("name", "title", "replicates", "seed", "seedlings", "responses", "model", "tied")
 _NO_RESPONSES = ("seed", "wall_s")
 
 

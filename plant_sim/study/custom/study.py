@@ -10,20 +10,23 @@ import numpy as np
 from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.study.custom.figures import main_effects
 from plant_sim.study.custom.file import CustomStudy
-from plant_sim.study.doe.regression import Fit, fit, terms
+from plant_sim.study.doe.irls import Link
+from plant_sim.study.doe.regression import fit, terms
+from plant_sim.study.doe.weighted import Model, WeightedFit, weighted_fit
+from plant_sim.study.errors import StudyError
 from plant_sim.study.estimates import ROWS_FAIL_TOGETHER, SHARE_OF, Estimate, estimate, numbers
 from plant_sim.study.factors import ratings_exceeded
 from plant_sim.study.report.fit_parts import (
     SHARE_LIMITS,
-    anova_table,
-    coefficient_table,
     doubts,
     explains,
     fit_record,
     no_share_text,
 )
+from plant_sim.study.report.origin import changed_keys, origin_parts
 from plant_sim.study.report.study import Study
 from plant_sim.study.report.surface import contours
+from plant_sim.study.report.weighted_parts import effects_table, weighted_parts
 from plant_sim.study.runner import RunOptions, incomplete_trials, trial_record
 from plant_sim.twin.repeats import SHARES
 from plant_sim.twin.report import TrialReport
@@ -49,17 +52,19 @@ def custom_study(custom: CustomStudy, options: RunOptions) -> Study:
     reports = options.run(custom.settings)
     estimates = {name: [estimate(name, trials) for trials in reports] for name in custom.responses}
     fits = {name: _fitted(custom, name, reports) for name in custom.responses}
-    models = {name: each for name, each in fits.items() if isinstance(each, Fit)}
+    models = {name: each for name, each in fits.items() if isinstance(each, Model)}
     parts: list[Part] = [
         *_about(custom, options),
+        *origin_parts(options.machine),
         *_cautions(custom, options, reports),
-        *(doubt for name, model in models.items() for doubt in doubts(name, model)),
+        *(doubt for name, model in models.items() for doubt in doubts(name, model, is_simulated=True)),
         Heading("Runs"),
         _runs(custom, estimates),
     ]
     record: dict[str, object] = {
         "title": custom.title,
         "design": custom.design,
+        "changed_parameters": changed_keys(options.machine),
         "seed": options.seed,
         "trials_per_run": options.trials,
         "seedlings": custom.seedlings,
@@ -87,6 +92,12 @@ def _about(custom: CustomStudy, options: RunOptions) -> list[Part]:
                 for number, each in enumerate(custom.factors, 1)
             ),
         ),
+    ]
+    parts += [
+        f"Tied: {each.parameter.name} changes with {custom.parameters[each.factor].name}, from {each.low:.6g} to "
+        f"{each.high:.6g}{'' if each.parameter.unit == '-' else f' {each.parameter.unit}'}. Effects of the factor are "
+        "effects of both."
+        for each in custom.ties
     ]
     if custom.fixed:
         fixed = ", ".join(
@@ -130,7 +141,7 @@ def _intervals(name: str, estimates: Sequence[Estimate]) -> Table:
     return Table(f"{_stem(name)}-intervals", caption, ("run", "mean", "low", "high", "SD between trials"), rows)
 
 
-def _fitted(custom: CustomStudy, name: str, reports: Sequence[Sequence[TrialReport]]) -> Fit | str | None:
+def _fitted(custom: CustomStudy, name: str, reports: Sequence[Sequence[TrialReport]]) -> Model | str | None:
     """Return the model of a response, or the reason why there is none; None if no model is requested."""
     if custom.model == "none":
         return None
@@ -141,52 +152,63 @@ def _fitted(custom: CustomStudy, name: str, reports: Sequence[Sequence[TrialRepo
     if np.ptp(response) == 0:
         return f"{name} is {response[0]:g} in every trial: no model is fitted."
     coded = np.repeat(custom.coded, [len(each) for each in values], axis=0)
-    return fit(coded, response, terms(len(custom.parameters), custom.model))
+    names = terms(len(custom.parameters), custom.model)
+    if name not in SHARES:
+        return fit(coded, response, names)
+    each_trial = [trial for trials in reports for trial in trials]
+    counts = np.array([getattr(trial, SHARES[name]) for trial in each_trial])
+    link: Link = "identity" if name == "S" else "logit"  # losses are small: the logit keeps them above 0
+    try:
+        return weighted_fit(coded, counts, np.array([trial.seedlings for trial in each_trial]), names, link)
+    except StudyError as error:
+        return f"No model is fitted: {error}."
 
 
 def _response_parts(
-    custom: CustomStudy, name: str, estimates: Sequence[Estimate], model: Fit | str | None
+    custom: CustomStudy, name: str, estimates: Sequence[Estimate], model: Model | str | None
 ) -> list[Part]:
     """Return the report parts for one response."""
     parts: list[Part] = [Heading(_label(name)), _intervals(name, estimates)]
-    means = np.array([np.nan if each.mean is None else each.mean for each in estimates])
-    if isinstance(model, Fit):
+    if isinstance(model, Model):
         parts += _model_parts(custom, name, model)
     elif model is not None:
         parts.append(model)
-    drawn = model if isinstance(model, Fit) and explains(model) else None
+    drawn = model if isinstance(model, Model) and explains(model) else None
     parts.append(
         Picture(
             f"{_stem(name)}-main-effects",
             f"Main effects on {_label(name)}: {_line(custom, drawn)}",
-            main_effects(custom, means, _label(name), drawn),
+            main_effects(custom, estimates, _label(name), drawn),
         )
     )
     return parts
 
 
-def _line(custom: CustomStudy, model: Fit | None) -> str:
+def _line(custom: CustomStudy, model: Model | None) -> str:
     """Return the caption for the line in the main-effects plots."""
     if custom.design == "factorial":
-        return "points are runs; the line joins the means at the levels"
+        return "points are runs, bars their 95 % intervals; the line joins the means at the levels"
     if model is not None:
-        return "points are runs; the line is the model with the other factors at coded 0"
-    return "points are runs"
+        return "points are runs, bars their 95 % intervals; the line is the model with the other factors at coded 0"
+    return "points are runs, bars their 95 % intervals"
 
 
-def _model_parts(custom: CustomStudy, name: str, model: Fit) -> list[Part]:
+def _model_parts(custom: CustomStudy, name: str, model: Model) -> list[Part]:
     stem, label = _stem(name), _label(name)
-    caption = f"Least squares on the individual trials, coded factors: {label}"
-    parts: list[Part] = [
-        coefficient_table(f"{stem}-coefficients", caption, {"estimate": model.values}, fit=model, digits=4),
-        anova_table(
-            f"{stem}-anova",
-            f"Analysis of variance of {label}; terms are partial (type III)",
-            {"twin": model.anova},
-            digits=4,
-        ),
-        f"R² = {model.r2:.4f}, adjusted {model.adjusted_r2:.4f}.",
-    ]
+    parts: list[Part] = []
+    if isinstance(model, WeightedFit):
+        unit = "" if model.link == "identity" else "; coefficients in logits"
+        caption = f"Weighted fit of the individual trials, coded factors: {label}{unit}"
+        parts += [
+            effects_table(f"{stem}-coefficients", caption, {"estimate": model.values}, model, is_simulated=True),
+            *weighted_parts(stem, model, response=label, is_simulated=True),
+        ]
+    else:
+        caption = f"Least squares on the individual trials, coded factors: {label}"
+        parts.append(
+            effects_table(f"{stem}-coefficients", caption, {"estimate": model.values}, model, is_simulated=True)
+        )
+        parts.append(f"R² = {model.r2:.4f}, adjusted {model.adjusted_r2:.4f}.")
     if custom.model == "quadratic" and len(custom.parameters) > 1 and explains(model):
         middle, edge = [0.0] * len(custom.parameters), [1.0] * len(custom.parameters)
         is_share = name in SHARES

@@ -12,7 +12,7 @@ from scipy import optimize
 
 from plant_sim.common.polynomial import model_matrix
 from plant_sim.study.doe.design import full_factorial
-from plant_sim.study.doe.regression import Fit
+from plant_sim.study.doe.weighted import Model
 from plant_sim.study.errors import StudyError
 
 _GRID_POINTS = 20_000
@@ -25,7 +25,7 @@ _MOST_STARTS = 729
 
 
 class Surface(Protocol):
-    """Response surface that can be optimised: a `Fit` or a `Polynomial`."""
+    """Response surface that can be optimised: a fit or a `Polynomial`."""
 
     def predict(self, coded: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the response at coded points, one per row; a single point gives an array with one element."""
@@ -79,7 +79,7 @@ def best(
 
 
 def best_location_interval(
-    fit: Fit, low: Sequence[float], high: Sequence[float], *, confidence: float = 0.95
+    fit: Model, low: Sequence[float], high: Sequence[float], *, confidence: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return, for each factor, a confidence interval for the location of the maximum within a box.
 

@@ -98,11 +98,30 @@ class Fit:
         Raises:
             StudyError: There is no such row, for example lack of fit if no points are repeated.
         """
-        for row in self.anova:
-            if row.source == source:
-                return row
-        sources = ", ".join(row.source for row in self.anova)
-        raise StudyError(f"analysis of variance: has no row {source!r}; it has {sources}")
+        return find_row(self.anova, source)
+
+    def joint_row(self, source: str, terms: Sequence[str]) -> AnovaRow:
+        """Return the row of several terms together: the increase of the residual if all of them are removed."""
+        error = self.row("residual")
+        return joint_row(
+            source,
+            terms,
+            list(self.coefficients),
+            self._results,
+            error=error.mean_square or 0.0,
+            error_df=error.degrees,
+        )
+
+    @property
+    def interval_name(self) -> str:
+        """Name of the 95 % intervals for a report."""
+        return "95 % interval"
+
+    def coefficient_interval(self, term: str, confidence: float = 0.95) -> tuple[float, float]:
+        """Return the confidence interval of a coefficient, by Student's t."""
+        each = self.coefficients[term]
+        half = float(stats.t.ppf((1 + confidence) / 2, self._results.df_resid)) * each.standard_error
+        return each.value - half, each.value + half
 
     def predict(self, coded: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the fitted response at coded points, one per row; a single point gives an array with one element."""
@@ -165,13 +184,15 @@ def terms(k: int, order: Order) -> tuple[str, ...]:
     return tuple(names)
 
 
-def fit(coded: NDArray[np.float64], response: NDArray[np.float64], terms: Sequence[str]) -> Fit:
+def fit(coded: NDArray[np.float64], response: NDArray[np.float64], terms: Sequence[str], *, additive: int = 0) -> Fit:
     """Fit a polynomial by least squares.
 
     Args:
         coded: Coded runs, one per row.
         response: Response of each run.
         terms: Names of the terms, excluding the constant; at least one.
+        additive: Number of factors at the end, such as blocks, that do not interact with the others; runs that differ
+            in them only are repeated runs.
 
     Raises:
         StudyError: There are no terms, or the runs do not outnumber the coefficients; a number is not finite; the
@@ -179,17 +200,36 @@ def fit(coded: NDArray[np.float64], response: NDArray[np.float64], terms: Sequen
     """
     coded, response = np.asarray(coded, dtype=np.float64), np.asarray(response, dtype=np.float64)
     names = [CONSTANT, *terms]
-    _check_runs(coded, response, names)
+    check_runs(coded, response, names)
     matrix = model_matrix(coded, names)
-    _check_separable(matrix, names)
+    check_separable(matrix, names)
     results = OLS(response, matrix).fit()
     residual = _scatter(float(results.ssr), results)
     coefficients = _coefficients(names, results, has_error=residual > 0)
-    anova = _anova(coded, names, results, residual)
+    anova = _anova(coded, names, results, residual, additive)
     return Fit(coded, response, coefficients, anova, float(results.rsquared), float(results.rsquared_adj), results)
 
 
-def _check_runs(coded: NDArray[np.float64], response: NDArray[np.float64], names: Sequence[str]) -> None:
+def find_row(anova: Sequence[AnovaRow], source: str) -> AnovaRow:
+    """Return a row of an analysis of variance.
+
+    Raises:
+        StudyError: There is no such row, for example lack of fit if no points are repeated.
+    """
+    for row in anova:
+        if row.source == source:
+            return row
+    sources = ", ".join(row.source for row in anova)
+    raise StudyError(f"analysis of variance: has no row {source!r}; it has {sources}")
+
+
+def point_numbers(coded: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the number of the point of each run, from 0; repeated runs have the same number."""
+    _, groups = np.unique(np.round(coded, _SAME_POINT_DECIMALS), axis=0, return_inverse=True)
+    return groups
+
+
+def check_runs(coded: NDArray[np.float64], response: NDArray[np.float64], names: Sequence[str]) -> None:
     """Check that a model can be fitted to the runs."""
     if coded.ndim != 2 or len(coded) == 0:
         raise StudyError("regression: the design has no runs; specify one row per run")
@@ -207,7 +247,7 @@ def _check_runs(coded: NDArray[np.float64], response: NDArray[np.float64], names
         raise StudyError(f"regression: the response is {response[0]:g} in every run, so no model can be fitted")
 
 
-def _check_separable(matrix: NDArray[np.float64], names: Sequence[str]) -> None:
+def check_separable(matrix: NDArray[np.float64], names: Sequence[str]) -> None:
     """Check that the columns are independent; dependent terms are found from the null space of the matrix."""
     rank = int(np.linalg.matrix_rank(matrix))
     if rank == len(names):
@@ -231,48 +271,75 @@ def _coefficients(names: Sequence[str], results: Any, *, has_error: bool) -> dic
     return {name: Coefficient(value, *row) for name, value, row in zip(names, values, errors, strict=True)}
 
 
-def _anova(coded: NDArray[np.float64], names: Sequence[str], results: Any, residual: float) -> tuple[AnovaRow, ...]:
+def _anova(
+    coded: NDArray[np.float64], names: Sequence[str], results: Any, residual: float, additive: int
+) -> tuple[AnovaRow, ...]:
     """Return the rows of the analysis of variance."""
     model_df, residual_df = round(results.df_model), round(results.df_resid)
     error = residual / residual_df
-    rows = [_tested("model", float(results.ess), model_df, error, residual_df)]
+    rows = [tested_row("model", float(results.ess), model_df, error, residual_df)]
     # partial, one degree of freedom: increase of the residual if only this term is removed
     increases = results.params**2 / np.diag(results.normalized_cov_params)
     rows += [
-        _tested(name, float(increase), 1, error, residual_df)
+        tested_row(name, float(increase), 1, error, residual_df)
         for name, increase in zip(names, increases, strict=True)
         if name != CONSTANT
     ]
     rows.append(AnovaRow("residual", residual, residual_df, error))
-    rows += _lack_of_fit(coded, results, residual)
+    rows += _lack_of_fit(coded, results, residual, additive)
     return (*rows, AnovaRow("total", float(results.centered_tss), model_df + residual_df))
 
 
-def _lack_of_fit(coded: NDArray[np.float64], results: Any, residual: float) -> list[AnovaRow]:
+def _lack_of_fit(coded: NDArray[np.float64], results: Any, residual: float, additive: int) -> list[AnovaRow]:
     """Return the rows for lack of fit and pure error; empty if no points are repeated.
 
     The pure error is the scatter of the runs around the mean at their point.
     """
-    points = np.round(coded, _SAME_POINT_DECIMALS)
-    _, groups, counts = np.unique(points, axis=0, return_inverse=True, return_counts=True)
-    if len(counts) == len(coded):
-        return []
     response = results.model.endog
-    means = np.bincount(groups, weights=response) / counts
-    pure = _scatter(float(np.sum((response - means[groups]) ** 2)), results)
-    pure_df = len(coded) - len(counts)
+    pure, pure_df = pure_error(coded, response, np.ones(len(coded)), additive)
+    if pure_df == 0:
+        return []
+    pure = _scatter(pure, results)
     pure_row = AnovaRow("pure error", pure, pure_df, pure / pure_df)
     lack_df = round(results.df_resid) - pure_df
     if lack_df == 0:
         return [pure_row]
     lack = _scatter(residual - pure, results)
-    return [_tested("lack of fit", lack, lack_df, pure / pure_df, pure_df), pure_row]
+    return [tested_row("lack of fit", lack, lack_df, pure / pure_df, pure_df), pure_row]
 
 
-def _tested(source: str, sum_of_squares: float, degrees: int, error: float, error_df: int) -> AnovaRow:
+def tested_row(source: str, sum_of_squares: float, degrees: int, error: float, error_df: int) -> AnovaRow:
     """Return a row with F relative to the error mean square; F is None if the error is 0."""
     mean_square = sum_of_squares / degrees
     if error <= 0 or not math.isfinite(mean_square / error):
         return AnovaRow(source, sum_of_squares, degrees, mean_square)
     f = mean_square / error
     return AnovaRow(source, sum_of_squares, degrees, mean_square, f, float(stats.f.sf(f, degrees, error_df)))
+
+
+def pure_error(
+    coded: NDArray[np.float64], response: NDArray[np.float64], weights: NDArray[np.float64], additive: int
+) -> tuple[float, int]:
+    """Return the weighted sum of squares of repeated runs around the mean of their point, and its degrees of freedom.
+
+    Args:
+        coded: Coded runs.
+        response: Response of each run.
+        weights: Weight of each run.
+        additive: Number of factors at the end that add to the mean of a point without interaction.
+    """
+    kept = coded.shape[1] - additive
+    groups = point_numbers(coded[:, :kept])
+    root = np.sqrt(weights)
+    basis = root[:, np.newaxis] * np.hstack([np.eye(int(groups.max()) + 1)[groups], coded[:, kept:]])
+    solution, _, rank, _ = np.linalg.lstsq(basis, root * response, rcond=None)
+    return float(np.sum((root * response - basis @ solution) ** 2)), len(coded) - int(rank)
+
+
+def joint_row(
+    source: str, terms: Sequence[str], names: Sequence[str], results: Any, *, error: float, error_df: int
+) -> AnovaRow:
+    """Return the row of several terms together, with F relative to an error mean square."""
+    places = [names.index(term) for term in terms]
+    values, covariance = results.params[places], results.normalized_cov_params[np.ix_(places, places)]
+    return tested_row(source, float(values @ np.linalg.solve(covariance, values)), len(places), error, error_df)

@@ -24,6 +24,11 @@ MotionAt = Callable[[Any], HandlingMotion]
 """Function that returns the nominal motion at claw pressures, MPa, with one array row per row of seedlings and one
 column per pressure."""
 
+Equation = Callable[[Any, Any, Any], Any]
+"""Success, %, as a function of foam thickness (mm), age (d) and claw pressure (MPa)."""
+IsFitted = Callable[[Any, Any, Any], Any]
+"""Function that returns whether settings (foam thickness, age, claw pressure) take part in a fit."""
+
 FOAMS_MM: Final = np.array([2.5, 5.0, 7.5, 10.0, 12.5, 15.0, 17.5])
 AGES_D: Final = np.array([40.0, 43.0, 46.0, 49.0, 52.0, 55.0, 58.0])
 PRESSURES_MPA: Final = np.array([0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75])
@@ -218,13 +223,32 @@ def middle(spec: SeedlingSpec) -> SeedlingSpec:
     return dataclasses.replace(spec, **{name: (low + high) / 2 for name, (low, high) in FITTED.items()})
 
 
-def calibrate(start: SeedlingSpec, motion: MotionAt) -> SeedlingSpec:
+def everywhere(foam_mm: Any, age_d: Any, pressure_mpa: Any) -> Any:
+    """Return that every setting takes part in a fit."""
+    return np.isfinite(foam_mm) & np.isfinite(age_d) & np.isfinite(pressure_mpa)
+
+
+def calibrate(
+    start: SeedlingSpec,
+    motion: MotionAt,
+    *,
+    equation: Equation = success_percent,
+    is_fitted: IsFitted = everywhere,
+    is_line_fitted: IsFitted | None = None,
+) -> SeedlingSpec:
     """Fit the seedling to eq. 5 and to the statements, with a small penalty for the distance from the start values.
 
     Args:
         start: Start values; constants that are not in `FITTED` remain unchanged.
         motion: Nominal motion by pressure.
+        equation: Equation to which the success is fitted: eq. 5, or for a hold-out study a refit of it.
+        is_fitted: Settings at which it is fitted. The statements, which are words, always take part.
+        is_line_fitted: The same for the settings of the single-factor tests and the optimum; None for `is_fitted`.
     """
+    is_line_fitted = is_fitted if is_line_fitted is None else is_line_fitted
+    region = tuple(each[is_fitted(*design_region(_LEVELS_OF_THE_FIT))] for each in design_region(_LEVELS_OF_THE_FIT))
+    kept = [is_line_fitted(*setting) for setting in SINGLE_FACTOR]
+    optimum_weight = _WEIGHT_OPTIMUM if is_line_fitted(*OPTIMUM) else 0.0
     names = list(FITTED)
     low, high = np.array(list(FITTED.values())).T
     first = np.clip([getattr(start, name) for name in names], low, high)
@@ -236,18 +260,18 @@ def calibrate(start: SeedlingSpec, motion: MotionAt) -> SeedlingSpec:
 
     def residuals(scaled: Array) -> Array:
         spec = spec_of(scaled)
-        off = differences(spec, motion, _LEVELS_OF_THE_FIT)
+        off = np.asarray(shares_at(spec, motion, *region).success_percent - equation(*region))
         lines = [
-            course.success_percent - np.clip(success_percent(*setting), 0, 100)
-            for course, setting in zip(courses(spec, motion), SINGLE_FACTOR, strict=True)
+            (course.success_percent - np.clip(equation(*setting), 0, 100))[is_kept]
+            for course, setting, is_kept in zip(courses(spec, motion), SINGLE_FACTOR, kept, strict=True)
         ]
-        best = success_at(spec, motion, *OPTIMUM) - success_percent(*OPTIMUM)
+        best = success_at(spec, motion, *OPTIMUM) - float(equation(*OPTIMUM))
         return np.concatenate(
             [
                 10 * off / np.sqrt(off.size),
                 _STATEMENT_WEIGHT * statement_residuals(spec, motion),
                 _WEIGHT_LINES * np.concatenate(lines),
-                _WEIGHT_OPTIMUM * np.array([best]),
+                optimum_weight * np.array([best]),
                 _WEIGHT_START * (scaled - (first - low) / size),
             ]
         )

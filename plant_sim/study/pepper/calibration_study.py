@@ -27,6 +27,7 @@ from plant_sim.study.pepper.calibration import (
     success_at,
 )
 from plant_sim.study.pepper.nominal import NominalMotion, nominal_motion
+from plant_sim.study.report.origin import changed_keys, origin_parts
 from plant_sim.study.report.study import Study
 
 _LEVELS = {"foam": (FOAMS_MM, "mm"), "age": (AGES_D, "d"), "pressure": (PRESSURES_MPA, "MPa")}
@@ -49,7 +50,9 @@ def calibration_study(machine: Machine, *, seed: int) -> Study:
         "The seedling constants that are given neither in the papers nor in catalogues are fitted so that a population "
         "under the nominal motion of the machine reproduces eq. 5 of the pepper paper over its design region, with the "
         "paper's statements on single factors as inequalities. The values of the machine are compared with a fit that "
-        "starts at the midpoint of each constant's bounds.",
+        "starts at the midpoint of each constant's bounds. Every figure of agreement below is in-sample: it is "
+        "computed at points and statements that the fit has used.",
+        *origin_parts(machine),
         Heading("Motion"),
         _motion_table(motion),
         Heading("Comparison with equation 5"),
@@ -67,6 +70,7 @@ def calibration_study(machine: Machine, *, seed: int) -> Study:
         command=f"python -m plant_sim study calibration --seed {seed}",
         parts=tuple(parts),
         record={
+            "changed_parameters": changed_keys(machine),
             "constants": {name: {which: getattr(spec, name) for which, spec in specs.items()} for name in FITTED},
             "agreement": {which: _agreement(spec, motion) for which, spec in specs.items()},
             "single_factor": {

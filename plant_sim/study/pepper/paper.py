@@ -16,19 +16,22 @@ from controller.common.document.parts import Heading, Part, Table
 from plant_sim.common.paper_sheet import equation, sheet
 from plant_sim.common.polynomial import Polynomial
 from plant_sim.study.doe.design import orthogonal_axial, to_coded, to_natural
-from plant_sim.study.doe.optimum import best
+from plant_sim.study.doe.optimum import best, best_location_interval
 from plant_sim.study.doe.regression import Fit, fit, terms
+from plant_sim.study.doe.weighted import WeightedFit, weighted_fit
 from plant_sim.study.paper_tables import PEPPER_FACTORS, Experiment, pepper_experiment, pepper_optimum, printed_anova
 from plant_sim.study.report.fit_parts import (
     anova_table,
     coding_table,
     coefficient_table,
+    doubts,
     fit_pictures,
     fit_record,
     optimum_table,
     runs_table,
 )
 from plant_sim.study.report.study import Study
+from plant_sim.study.report.weighted_parts import effects_table, weighted_parts
 
 TRIAL_SEEDLINGS: Final = 144
 """Number of seedlings in a trial: two full trays. Source: [P] section 3.2."""
@@ -46,6 +49,14 @@ def refit() -> Fit:
     """Return the full quadratic model fitted to Table 4."""
     experiment = pepper_experiment()
     return fit(experiment.coded, experiment.responses["S"], terms(len(experiment.factors), "quadratic"))
+
+
+def weighted_refit() -> WeightedFit:
+    """Return the full quadratic model fitted to Table 4 as counts of trials of two trays."""
+    experiment = pepper_experiment()
+    totals = np.full(len(experiment.coded), float(TRIAL_SEEDLINGS))
+    counts = experiment.responses["S"] / 100 * totals
+    return weighted_fit(experiment.coded, counts, totals, terms(len(experiment.factors), "quadratic"))
 
 
 def equation_5() -> Polynomial:
@@ -79,12 +90,18 @@ def trial_shares(success_percent: NDArray[np.float64], seedlings: int = TRIAL_SE
 
 def paper_study() -> Study:
     """Return the study ``pepper-rsm --data paper``."""
-    experiment, fitted, printed = pepper_experiment(), refit(), equation_5()
+    experiment, fitted, printed, weighted = pepper_experiment(), refit(), equation_5(), weighted_refit()
     optimum, _ = best(fitted, LOW, HIGH)
     parts = [
+        "What was fitted to what: equation 5, the least squares refit and the weighted fit are all fitted to the "
+        f"{len(fitted.response)} runs of Table 4, so their agreement with these runs is in-sample. The predicted R² "
+        "leaves runs out, and the verification trials are data that none of them has seen. The weighted fit is the "
+        "analysis; least squares stays beside it, as printed.",
+        *doubts("S, weighted", weighted),
         *_design_parts(experiment, fitted),
+        *_weighted_parts(weighted, fitted, printed),
         *_model_parts(fitted, printed),
-        *_optimum_parts(fitted, printed, optimum),
+        *_optimum_parts(fitted, printed, optimum, weighted),
         *_verification_parts(),
     ]
     return Study(
@@ -92,7 +109,7 @@ def paper_study() -> Study:
         title="Pepper seedlings: repeated analysis of the paper's orthogonal test",
         command="python -m plant_sim study pepper-rsm --data paper",
         parts=tuple(parts),
-        record=_record(fitted, printed, optimum),
+        record={**_record(fitted, printed, optimum), "weighted": fit_record(weighted)},
     )
 
 
@@ -121,6 +138,18 @@ def _design_parts(experiment: Experiment, fitted: Fit) -> list[Part]:
     ]
 
 
+def _weighted_parts(weighted: WeightedFit, fitted: Fit, printed: Polynomial) -> list[Part]:
+    columns = {"equation 5": printed.coefficients, "least squares": fitted.values, "weighted": weighted.values}
+    caption = f"Coefficients of {RESPONSE}, coded factors; error, interval and P of the weighted fit"
+    return [
+        Heading("Weighted fit"),
+        f"The share of each run is taken as that of one trial of {TRIAL_SEEDLINGS} seedlings. Other numbers of "
+        "seedlings, equal in all runs, change only the dispersion.",
+        *weighted_parts("success", weighted, response=RESPONSE, is_simulated=False),
+        effects_table("weighted-coefficients", caption, columns, weighted, is_simulated=False),
+    ]
+
+
 def _model_parts(fitted: Fit, printed: Polynomial) -> list[Part]:
     table_5 = printed_anova("pepper-table-5")
     table_5_by_source = {row.source: row for row in table_5}
@@ -128,7 +157,7 @@ def _model_parts(fitted: Fit, printed: Polynomial) -> list[Part]:
     lack, pure = fitted.row("lack of fit"), fitted.row("pure error")
     printed_lack, printed_pure = table_5_by_source["lack of fit"], table_5_by_source["pure error"]
     return [
-        Heading("Model"),
+        Heading("Least squares, as printed"),
         f"The refit reproduces equation 5 to within {off:.3f} in every coefficient; R² = {fitted.r2:.4f}, "
         f"adjusted {fitted.adjusted_r2:.4f}.",
         coefficients({"paper": printed.coefficients, "refit": fitted.values}, fitted),
@@ -159,14 +188,21 @@ def pure_error_slack(fitted: Fit) -> float:
     return float(np.sum(2 * np.abs(centre - centre.mean()) * _PRINTED_HALF_STEP))
 
 
-def _optimum_parts(fitted: Fit, printed: Polynomial, optimum: NDArray[np.float64]) -> list[Part]:
+def _optimum_parts(fitted: Fit, printed: Polynomial, optimum: NDArray[np.float64], weighted: WeightedFit) -> list[Part]:
     claim = pepper_optimum()
     claimed = to_coded(PEPPER_FACTORS, np.array(claim.natural))
     best_printed, _ = best(printed, LOW, HIGH)
     low, high = fitted.prediction_interval(optimum)
+    best_weighted, _ = best(weighted, LOW, HIGH)
+    least, most = weighted.prediction_interval(best_weighted)
+    ends = zip(*(to_natural(PEPPER_FACTORS, end) for end in best_location_interval(weighted, LOW, HIGH)), strict=True)
+    location = ", ".join(
+        f"{factor.name} {start:.4g} to {stop:.4g} {factor.unit}"
+        for factor, (start, stop) in zip(PEPPER_FACTORS, ends, strict=True)
+    )
     rounded = float(printed.predict(claimed)[0])
     marks = {"best of the refit": optimum, "rounded by the paper": claimed}
-    points = {**marks, "best of equation 5": best_printed}
+    points = {"best of the weighted fit": best_weighted, **marks, "best of equation 5": best_printed}
     return [
         Heading("Optimum"),
         optimum_table(
@@ -175,11 +211,14 @@ def _optimum_parts(fitted: Fit, printed: Polynomial, optimum: NDArray[np.float64
             PEPPER_FACTORS,
             response=RESPONSE,
             points=points,
-            surfaces={"refit": fitted, "equation 5": printed},
+            surfaces={"refit": fitted, "equation 5": printed, "weighted": weighted},
         ),
+        f"By the weighted fit, a further trial at its best setting is expected between {least[0]:.1f} and "
+        f"{most[0]:.1f} % (95 % prediction interval, limited to 0 to 100 %); the 95 % confidence intervals of the best "
+        f"setting are {location} (each factor separately, within the search box).",
         f"The paper rounds the setting and states {claim.responses['S']:.1f} % for it; equation 5 gives "
-        f"{rounded:.2f} %. A further run at the best setting is expected between {low[0]:.1f} and {high[0]:.1f} % "
-        "(95 % prediction interval, not limited to 100 %).",
+        f"{rounded:.2f} %. By least squares, a further run at the best setting of the refit is expected between "
+        f"{low[0]:.1f} and {high[0]:.1f} % (95 % prediction interval, not limited to 100 %).",
         *fit_pictures("success", fitted, PEPPER_FACTORS, response=RESPONSE, marks=marks, held=optimum),
     ]
 

@@ -13,7 +13,8 @@ from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec
 from plant_sim.study.doe.design import to_coded, to_natural
 from plant_sim.study.doe.optimum import best, best_location_interval
-from plant_sim.study.doe.regression import Fit, fit, terms
+from plant_sim.study.doe.regression import terms
+from plant_sim.study.doe.weighted import Model, WeightedFit, weighted_fit
 from plant_sim.study.paper_tables import PEPPER_FACTORS, pepper_experiment, pepper_optimum, printed_anova
 from plant_sim.study.pepper.experiment import (
     LEFT_OUT,
@@ -24,7 +25,8 @@ from plant_sim.study.pepper.experiment import (
     run_record,
     setting_of,
 )
-from plant_sim.study.pepper.paper import HIGH, LOW, RESPONSE, coefficients, equation_5, refit
+from plant_sim.study.pepper.losses import losses_parts
+from plant_sim.study.pepper.paper import HIGH, LOW, RESPONSE, equation_5, refit
 from plant_sim.study.report.fit_parts import (
     SHARE_LIMITS,
     anova_table,
@@ -32,10 +34,11 @@ from plant_sim.study.report.fit_parts import (
     fit_pictures,
     fit_record,
     optimum_table,
-    p_text,
     runs_table,
 )
+from plant_sim.study.report.origin import changed_keys, origin_parts
 from plant_sim.study.report.study import Study
+from plant_sim.study.report.weighted_parts import effects_table, weighted_parts
 from plant_sim.study.runner import RunOptions, incomplete_trials
 from plant_sim.twin.repeats import SHARES
 
@@ -55,24 +58,34 @@ def rsm_study(options: RunOptions) -> Study:
         point_of(CropSpec(*map(float, each)), each_reports) for each, each_reports in zip(natural, reports, strict=True)
     ]
     pooled = point_of(CropSpec(*map(float, claim.natural)), verification)
-    success = np.array([each.shares["S"] for each in points])
-    twin = fit(experiment.coded, success, terms(len(PEPPER_FACTORS), "quadratic"))
+    completed = [[report for report in each if report.completed] for each in reports]
+    coded = np.repeat(experiment.coded, [len(each) for each in completed], axis=0)
+    each_trial = [report for each in completed for report in each]
+    twin = weighted_fit(
+        coded,
+        np.array([report.in_cups for report in each_trial]),
+        np.array([report.seedlings for report in each_trial]),
+        terms(len(PEPPER_FACTORS), "quadratic"),
+    )
     optimum = _Optimum.of(twin)
     checks = np.array([report.S for report in verification if report.completed])
     parts = [
         f"The paper's design (Table 4) run on the twin: {len(points)} runs of "
         f"{counted(options.trials, 'trial')} with {options.seedlings} seedlings each.",
+        *origin_parts(options.machine),
         *cautions(settings[:-1], options),
         *incomplete_trials(trials, LEFT_OUT),
-        *doubts("S", twin),
+        *doubts("S", twin, is_simulated=True),
         *optimum.doubts(),
         *_run_parts(experiment.coded, experiment.responses["S"], points),
-        *_fit_parts(twin, options.trials),
+        *_fit_parts(twin),
         *_best_parts(twin, optimum),
+        *losses_parts(coded, each_trial),
         *_check_parts(checks, pooled),
     ]
     record = {
         "data": "twin",
+        "changed_parameters": changed_keys(options.machine),
         "incomplete_trials": incomplete_count(trials),
         "runs": [run_record(*each) for each in zip(points, settings[:-1], reports, strict=True)],
         "twin": fit_record(twin),
@@ -103,7 +116,7 @@ class _Optimum:
     Attributes:
         coded: Best setting, coded.
         success: Fitted S at the setting, %, not limited to 0 to 100.
-        expected: 95 % prediction interval for one further run at the setting, %, limited to 0 to 100.
+        expected: 95 % prediction interval for one further trial at the setting, %, limited to 0 to 100.
         location: 95 % confidence interval for each coded factor of the setting.
     """
 
@@ -113,7 +126,7 @@ class _Optimum:
     location: tuple[NDArray[np.float64], NDArray[np.float64]]
 
     @classmethod
-    def of(cls, twin: Fit) -> _Optimum:
+    def of(cls, twin: WeightedFit) -> _Optimum:
         """Return the optimum of a fit."""
         coded, success = best(twin, LOW, HIGH)
         low, high = np.clip(np.concatenate(twin.prediction_interval(coded)), *SHARE_LIMITS).tolist()
@@ -137,7 +150,7 @@ class _Optimum:
             for factor, (low, high) in zip(PEPPER_FACTORS, ends, strict=True)
         )
         return (
-            f"A further run at the best setting of the twin is expected between {self.expected[0]:.1f} and "
+            f"A further trial at the best setting of the twin is expected between {self.expected[0]:.1f} and "
             f"{self.expected[1]:.1f} % (95 % prediction interval, limited to 0 to 100 %). The 95 % confidence "
             f"intervals of the best setting are {location} (each factor separately, within the search box; Monte Carlo "
             "with the covariance of the coefficients)."
@@ -161,22 +174,23 @@ def _run_parts(coded: NDArray[np.float64], printed: NDArray[np.float64], points:
     ]
 
 
-def _fit_parts(twin: Fit, trials: int) -> list[Part]:
-    lack_p = p_text(twin.row("lack of fit").p) or "undefined, because all centre runs are equal"
+def _fit_parts(twin: WeightedFit) -> list[Part]:
+    columns = {"paper": equation_5().coefficients, "refit of Table 4": refit().values, "twin": twin.values}
+    caption = f"Coefficients of {RESPONSE}, coded factors; error and interval of the twin's"
     return [
         Heading("Model"),
-        f"The regression uses each run once, with the pooled success rate of its {counted(trials, 'trial')}. R² of "
-        f"the twin's regression is {twin.r2:.3f} (paper's data: {refit().r2:.3f}); lack of fit: P {lack_p}.",
-        coefficients({"paper": equation_5().coefficients, "refit": refit().values, "twin": twin.values}, twin),
+        effects_table("coefficients", caption, columns, twin, is_simulated=True),
+        *weighted_parts("success", twin, response=RESPONSE, is_simulated=True),
         anova_table(
             "anova",
-            "Analysis of variance: [P] Table 5, the refit of Table 4, and the twin",
-            {"paper": printed_anova("pepper-table-5"), "refit": refit().anova, "twin": twin.anova},
+            "Analysis of variance by least squares as printed: [P] Table 5 and the refit of Table 4, which treat the "
+            "shares as equally precise",
+            {"paper": printed_anova("pepper-table-5"), "refit": refit().anova},
         ),
     ]
 
 
-def _best_parts(twin: Fit, best_of_twin: _Optimum) -> list[Part]:
+def _best_parts(twin: WeightedFit, best_of_twin: _Optimum) -> list[Part]:
     optimum = best_of_twin.coded
     claimed = to_coded(PEPPER_FACTORS, np.array(pepper_optimum().natural))
     of_paper, _ = best(refit(), LOW, HIGH)
@@ -222,7 +236,7 @@ def _check_parts(checks: NDArray[np.float64], pooled: PooledResult) -> list[Part
     ]
 
 
-def _setting_record(coded: NDArray[np.float64], fitted: Fit) -> dict[str, object]:
+def _setting_record(coded: NDArray[np.float64], fitted: Model) -> dict[str, object]:
     return {
         "coded": coded.tolist(),
         "natural": to_natural(PEPPER_FACTORS, coded).tolist(),

@@ -23,6 +23,7 @@ from plant_sim.study.pepper.experiment import (
     setting_of,
 )
 from plant_sim.study.pepper.statements import STATEMENTS, Statement, Verdict
+from plant_sim.study.report.origin import changed_keys, origin_parts
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions, incomplete_trials
 
@@ -50,6 +51,7 @@ def single_study(options: RunOptions) -> Study:
     parts: list[Part] = [
         f"{counted(options.trials, 'trial')} of {options.seedlings} seedlings at each level, on the twin. The paper "
         "shows the results only as figures and describes them in words.",
+        *origin_parts(options.machine),
         *cautions(settings, options),
         *incomplete_trials(reports, LEFT_OUT),
         _verdict_text(verdicts),
@@ -71,7 +73,12 @@ def single_study(options: RunOptions) -> Study:
         name: [{"words": each.text, "share": each.share, "verdict": verdict} for each, verdict in judged]
         for name, judged in verdicts.items()
     }
-    record = {**runs, "sentences": statements, "incomplete_trials": incomplete_count(reports)}
+    record = {
+        **runs,
+        "changed_parameters": changed_keys(options.machine),
+        "sentences": statements,
+        "incomplete_trials": incomplete_count(reports),
+    }
     return Study(
         name="pepper-single",
         title="Pepper seedlings: single-factor tests",
@@ -118,7 +125,7 @@ def _single_figure(name: str, points: Sequence[PooledResult], index: int) -> Fig
                 capsize=2,
                 label=share,
             )
-        failures.set(xlabel=_AXES[name], ylabel="failures, %", ylim=(0, None), xticks=levels)
+        failures.set(xlabel=_AXES[name], ylabel="failed seedlings, %", ylim=(0, None), xticks=levels)
         failures.legend()
         success.errorbar(
             levels,
@@ -131,7 +138,7 @@ def _single_figure(name: str, points: Sequence[PooledResult], index: int) -> Fig
             label="twin",
         )
         success.plot(levels, [each.by_equation_5 for each in points], "--", color=QUIET, label="equation 5")
-        success.set(xlabel=_AXES[name], ylabel="S, %", xticks=levels)
+        success.set(xlabel=_AXES[name], ylabel="success rate S, %", xticks=levels)
         success.legend()
     return figure
 

@@ -135,6 +135,9 @@ def _zero_speed_deg(planter: Planter, ratio: float) -> tuple[float, ...]:
 def _map_parts(planter: Planter, maps: list[ReleaseMap]) -> list[Part]:
     stick = 100 * planter.scatter.stick_share_at(planter.grip.clamp_n)
     return [
+        "What was fitted to what: the mean clearance of the block and the share of blocks that stick to a plate are "
+        "fitted to part of Table 2 of the cabbage paper (study planter-lodging). The map is not fitted to anything; "
+        "the paper has no data to compare it with.",
         Heading("Map"),
         f"From the packaged tables of falls: {BLOCKS} random blocks with full contact at each grid point, "
         f"{FREQUENCY_PER_MIN:g} plants per minute. A fall is clean if the seedling is upright and the guide plate has "
@@ -248,13 +251,13 @@ def _chart(planter: Planter, maps: list[ReleaseMap]) -> Figure:
             ):
                 edges = _edges(each.ratios), _edges(each.openers_deg)
                 drawn = axes.pcolormesh(*edges, 100 * shares.T, cmap=colours, vmin=0, vmax=100)
-                figure.colorbar(drawn, ax=axes)
+                figure.colorbar(drawn, ax=axes, label="share of the falls, %")
                 axes.set_title(f"{_NAMES[each.kind]}: {name}, %", fontsize=8, loc="left")
                 _mark_phases(axes, planter.chain.release_deg)
             _mark_window(left, each)
-            left.set_ylabel("opener, phase on the bottom arc, °")
+            left.set_ylabel("phase of the opener on the bottom arc, °")
         for axes in panels[-1]:
-            axes.set_xlabel("ratio λ")
+            axes.set_xlabel("ratio λ of chain speed to machine speed")
     return figure
 
 

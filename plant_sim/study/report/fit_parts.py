@@ -8,10 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.common.document.parts import Cell, Part, Picture, Table
+from controller.common.document.parts import Cell, Part, Picture, Table, counted
 from plant_sim.study.doe.design import Factor, to_natural
 from plant_sim.study.doe.optimum import Surface
-from plant_sim.study.doe.regression import AnovaRow, Fit
+from plant_sim.study.doe.regression import AnovaRow
+from plant_sim.study.doe.weighted import Model, WeightedFit
 from plant_sim.study.paper_tables import PrintedRow
 from plant_sim.study.report.surface import Marks, contours, lowest_and_highest, observed_against_predicted
 
@@ -34,7 +35,7 @@ def p_text(p: float | None) -> str | None:
 
 
 def coefficient_table(
-    name: str, caption: str, columns: Mapping[str, Mapping[str, float]], *, fit: Fit | None = None, digits: int = 3
+    name: str, caption: str, columns: Mapping[str, Mapping[str, float]], *, fit: Model | None = None, digits: int = 3
 ) -> Table:
     """Return a table that compares the coefficients of polynomials.
 
@@ -42,7 +43,7 @@ def coefficient_table(
         name: File stem of the table.
         caption: Caption.
         columns: Coefficients by term, for each column heading, such as paper, refit or twin.
-        fit: Fit whose standard errors and P values are added.
+        fit: Model whose standard errors and P values are added.
         digits: Decimals.
     """
     listed = list(dict.fromkeys(term for column in columns.values() for term in column))
@@ -173,7 +174,7 @@ def optimum_table(
 
 def fit_pictures(
     name: str,
-    fit: Fit,
+    fit: Model,
     factors: Sequence[Factor],
     *,
     response: str,
@@ -245,35 +246,56 @@ def _setting_text(factors: Sequence[Factor], coded: NDArray[np.float64]) -> str:
     )
 
 
-def explains(fit: Fit) -> bool:
+def explains(fit: Model) -> bool:
     """Return whether a model is significant: its P value is at most 0.05 and its adjusted R² is above 0."""
     p = fit.row("model").p
     return (p is None or p <= _SIGNIFICANT_P) and fit.adjusted_r2 > 0
 
 
-def doubts(name: str, fit: Fit) -> list[str]:
+def doubts(name: str, fit: Model, *, is_simulated: bool = False) -> list[str]:
     """Return the caveats about a model: it is not significant, or its lack of fit is significant.
 
     Args:
         name: Name of the response.
         fit: Fitted model.
+        is_simulated: True for trials of the twin, whose number is free: the caveats then compare with the Monte Carlo
+            error and give no P value.
     """
+    adjusted = f"adjusted R² {fit.adjusted_r2:.2f}"
     cautions = []
-    if not explains(fit):
+    if is_lower_bound(fit):
         cautions.append(
-            f"{name}: the model is not significant (P {p_text(fit.row('model').p)}, "
-            f"adjusted R² {fit.adjusted_r2:.2f}); disregard its surface."
+            f"{name}: no repeated trials that differ, so the error is unknown: there is no P value, and every interval "
+            "is only a lower bound of the true one."
         )
+    if isinstance(fit, WeightedFit) and fit.link == "identity" and fit.at_bound:
+        cautions.append(
+            f"{name}: in {counted(fit.at_bound, 'trial')} the fitted share is within 0.5 % of 0 or 100 %, or beyond; "
+            "the variance is not known there, so intervals and tests are doubtful."
+        )
+    if not explains(fit):
+        finding = (
+            f"effects do not exceed the Monte Carlo error of these trials ({adjusted})"
+            if is_simulated
+            else f"model is not significant (P {p_text(fit.row('model').p)}, {adjusted})"
+        )
+        cautions.append(f"{name}: the {finding}; disregard its surface.")
     lack = next((row.p for row in fit.anova if row.source == "lack of fit"), None)
     if lack is not None and lack < _SIGNIFICANT_P:
+        size = "" if is_simulated else f" (lack of fit P {p_text(lack)})"
         cautions.append(
-            f"{name}: the model does not fit (lack of fit P {p_text(lack)}): its residual exceeds "
+            f"{name}: the model does not fit{size}: its residual exceeds "
             "the scatter of repeated runs, so it is too simple."
         )
     return cautions
 
 
-def fit_record(fit: Fit) -> dict[str, object]:
+def is_lower_bound(fit: Model) -> bool:
+    """Return whether the intervals of a fit of counts lack an error from repeated trials."""
+    return isinstance(fit, WeightedFit) and fit.is_lower_bound
+
+
+def fit_record(fit: Model) -> dict[str, object]:
     """Return the JSON record of a fit: coefficients, analysis of variance, R²."""
     return {
         "coefficients": {
@@ -292,4 +314,21 @@ def fit_record(fit: Fit) -> dict[str, object]:
         },
         "r2": fit.r2,
         "adjusted_r2": fit.adjusted_r2,
+        **(_weighted_record(fit) if isinstance(fit, WeightedFit) else {}),
+    }
+
+
+def _weighted_record(fit: WeightedFit) -> dict[str, object]:
+    return {
+        "link": fit.link,
+        "dispersion": {
+            "estimate": fit.dispersion.estimate,
+            "degrees": fit.dispersion.degrees,
+            "interval_95": fit.dispersion.interval(),
+            "value": fit.dispersion.value,
+        },
+        "predicted_r2": fit.predicted_r2,
+        "predicted_r2_by_point": fit.predicted_r2_by_point,
+        "adequate_precision": fit.adequate_precision,
+        "misfit": fit.misfit,
     }

@@ -19,6 +19,7 @@ from plant_sim.common.figure_style import COLOURS, QUIET, SERIES, drawing
 from plant_sim.study.doe.design import Factor, to_natural
 from plant_sim.study.doe.optimum import Front, Surface
 from plant_sim.study.errors import StudyError
+from plant_sim.study.report.axis_labels import axis_label
 
 _PANEL_IN: Final = (3.1, 2.9)
 _COLUMNS = 3
@@ -29,6 +30,8 @@ _SHADES = 4
 _OUTSIDE: Final = "#BBBBBB"
 _LABEL_EDGE = 0.08
 """Minimum distance of a label from the frame, as a fraction of the panel; a closer label would be clipped."""
+_LABELS_APART = 0.12
+"""Minimum distance between two labels, as a fraction of the panel."""
 _ON_SLICE = 1e-6
 
 Panel = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
@@ -78,12 +81,12 @@ def contours(
             drawn = axes.contour(*natural, values, levels=lines, colors="white", linewidths=0.5)
             axes.set_facecolor(_OUTSIDE)
             _label(axes, drawn)
-            axes.set_xlabel(x_axis.label)
-            axes.set_ylabel(y_axis.label)
+            axes.set_xlabel(axis_label(x_axis.label))
+            axes.set_ylabel(axis_label(y_axis.label))
             axes.set_title(_held_text(factors, pair, held), fontsize=7, color=QUIET)
             _mark(axes, factors, pair, marks or {}, held)
             _frame(axes, factors, pair, box)
-        figure.colorbar(filled, ax=panels, label=response, ticks=lines)
+        figure.colorbar(filled, ax=panels, label=axis_label(response), ticks=lines)
         if marks:
             values_at_marks = {name: float(surface.predict(point)[0]) for name, point in marks.items()}
             figure.legend(handles=_meanings(values_at_marks), loc="outside lower center", ncols=len(marks))
@@ -137,12 +140,30 @@ def _held_text(factors: Sequence[Factor], pair: tuple[int, int], held: Sequence[
 
 
 def _label(axes: Axes, drawn: ContourSet) -> None:
-    """Label the contour lines, except where the frame would clip the label."""
-    axes.clabel(drawn, fmt="%g", fontsize=6)
+    """Label each contour line once, at its point farthest from the frame and from the other labels.
+
+    A line without a point that is far enough from both has no label.
+    """
     to_axes = axes.transData + axes.transAxes.inverted()
-    for text in drawn.labelTexts:
-        if not all(_LABEL_EDGE < part < 1 - _LABEL_EDGE for part in to_axes.transform(text.get_position())):
-            text.set_visible(False)
+    places: list[NDArray[np.float64]] = []
+    points: list[tuple[float, float]] = []
+    for segments in drawn.allsegs:
+        line = np.concatenate([each for each in segments if len(each)] or [np.empty((0, 2))])
+        shown = to_axes.transform(line) if len(line) else line
+        from_frame = np.minimum(shown, 1 - shown).min(axis=1) if len(line) else np.empty(0)
+        inside = from_frame > _LABEL_EDGE
+        if not inside.any():
+            continue
+        line, shown, apart = line[inside], shown[inside], from_frame[inside]
+        if places:
+            from_labels = np.linalg.norm(shown[:, None] - np.array(places)[None], axis=2).min(axis=1)
+            apart = np.where(from_labels > _LABELS_APART, np.minimum(apart, from_labels), 0.0)
+        best = int(apart.argmax())
+        if apart[best] > 0:
+            places.append(shown[best])
+            points.append((float(line[best, 0]), float(line[best, 1])))
+    if points:
+        axes.clabel(drawn, fmt="%g", fontsize=6, manual=points)
 
 
 def _frame(axes: Axes, factors: Sequence[Factor], pair: tuple[int, int], box: float | None) -> None:
@@ -199,8 +220,8 @@ def observed_against_predicted(
         axes = figure.add_subplot()
         axes.plot(ends, ends, color=QUIET, linewidth=0.8, label="observed = predicted")
         axes.plot(predicted, observed, "o", color=COLOURS["left"], markersize=4, markeredgewidth=0)
-        axes.set_xlabel(f"predicted {response}")
-        axes.set_ylabel(f"observed {response}")
+        axes.set_xlabel(f"predicted {axis_label(response)}")
+        axes.set_ylabel(f"observed {axis_label(response)}")
         axes.set_aspect("equal", adjustable="datalim")
         axes.legend(fontsize=7)
         axes.set_title(f"R² = {r2:.4f}, {len(observed)} runs", fontsize=8)
@@ -228,7 +249,7 @@ def pareto_front(
         axes.plot(front.a, front.b, color=COLOURS["left"], label="Pareto front")
         for (name, point), colour, sign in zip(marks.items(), itertools.cycle(SERIES), itertools.cycle(_SIGNS)):
             axes.plot(*point, sign, color=colour, markeredgecolor="white", markersize=7, linestyle="none", label=name)
-        axes.set_xlabel(a)
-        axes.set_ylabel(b)
+        axes.set_xlabel(axis_label(a))
+        axes.set_ylabel(axis_label(b))
         axes.legend(fontsize=7)
     return figure

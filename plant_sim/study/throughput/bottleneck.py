@@ -123,12 +123,14 @@ class Bottleneck:
 def first_late(paces: Mapping[int, CyclePace], *, changes_tray: bool) -> Bottleneck | None:
     """Return the bottleneck at the lowest frequency with a late round; None if no round is late.
 
+    A round is late if the arm arrives after its twelfth cup. An arm that has arrived in time may also miss a cup.
+
     Args:
         paces: Observed paces by ascending frequency.
         changes_tray: True for rounds with a tray change, False for those without.
     """
     for frequency, pace in paces.items():
-        late = [each for each in pace.all_rounds if each.missed_cups and each.changes_tray == changes_tray]
+        late = [each for each in pace.all_rounds if each.margin_ms < 0 and each.changes_tray == changes_tray]
         if late:
             latest = min(late, key=lambda each: each.margin_ms)
             return Bottleneck(frequency, latest, pace.timeline_of(latest))

@@ -1,15 +1,15 @@
-"""Pace of a machine at a planting frequency, and the highest frequency that meets a condition."""
+"""Pace of a machine at a planting frequency: runs that are recorded step by step."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Final
 
 from controller.common.modbus.io_map import IoMap
-from controller.program.set_points import CUP_LONGEST_X10_MS, CUP_SHORTEST_X10_MS, CUPS
+from controller.program.set_points import CUPS, FASTEST_PER_MIN, SLOWEST_PER_MIN
 from controller.program.tags import SIDES, Side
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.engines import spread
@@ -23,44 +23,32 @@ from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.trial import run_trial
 
 FREQUENCY: Final = "cups.planting_frequency_per_min"
-SLOWEST_PER_MIN: Final = 12
-"""Lowest frequency, 1/min; below it a standstill cannot be distinguished from a slow tractor within the set-points."""
-FASTEST_PER_MIN: Final = 150
-"""Highest frequency, 1/min; above it the pulse interval set-point suppresses cups."""
-
 _NO_CUPS_UNIT_MS = 100
 _NO_CUPS_CUPS = 3
-_TOLERANCE: Final = 1.04
-"""Largest ratio of the time of a cup to its mean: displaced flags and two scans."""
 
 TRAYS: Final = 4
 """Trays of an observed run: two until the timing between the arms has settled, and two in the settled state."""
 _SETTLED_FROM = 6
 """Number of throws of an arm in the first two trays."""
-_MOST_RUNS = 3
 
 
 def setting_at(frequency_per_min: int) -> FactorSetting:
     """Return the set-points that a commissioning engineer would enter for a planting frequency.
 
-    The machine is Suspended if no cup passes for three cup intervals. The permitted range of the cup times includes the
-    frequency. The program adapts the release delay itself.
+    The machine is Suspended if no cup passes for three cup intervals. The program adapts the release delay itself.
 
     Raises:
-        StudyError: The frequency is out of range.
+        StudyError: The program does not serve the frequency with its default set-points.
     """
     if not SLOWEST_PER_MIN <= frequency_per_min <= FASTEST_PER_MIN:
         raise StudyError(
-            f"{FREQUENCY}: {frequency_per_min} is out of range; must be {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}"
+            f"{FREQUENCY}: {frequency_per_min} is not served by the program; must be {SLOWEST_PER_MIN} to "
+            f"{FASTEST_PER_MIN}"
         )
     no_cups_ms = _NO_CUPS_CUPS * 60_000 / frequency_per_min
-    values = {FREQUENCY: float(frequency_per_min), "program.no_cups": float(math.ceil(no_cups_ms / _NO_CUPS_UNIT_MS))}
-    cup_x10_ms = 6_000 / frequency_per_min
-    if cup_x10_ms * _TOLERANCE > CUP_LONGEST_X10_MS:
-        values["program.cup_time_longest"] = float(math.ceil(cup_x10_ms * _TOLERANCE))
-    if cup_x10_ms / _TOLERANCE < CUP_SHORTEST_X10_MS:
-        values["program.cup_time_shortest"] = float(math.floor(cup_x10_ms / _TOLERANCE))
-    return FactorSetting(values)
+    return FactorSetting(
+        {FREQUENCY: float(frequency_per_min), "program.no_cups": float(math.ceil(no_cups_ms / _NO_CUPS_UNIT_MS))}
+    )
 
 
 @dataclass(frozen=True)
@@ -167,27 +155,15 @@ class CyclePaces:
             StudyError: A frequency is out of range.
         """
         missing = [each for each in frequencies_per_min if each not in self._paces]
-        options, runs = self._options, observed_runs(self._options.trials)
-        # runs with the same number have the same seed at every frequency, so that only the pace differs
+        options = self._options
+        # the runs have the same seed at every frequency, so that only the pace differs
+        seed = trial_seed(options.seed, 0, 0)
         jobs = [
-            partial(
-                observe,
-                setting_at(frequency),
-                trial_seed(options.seed, 0, number),
-                machine=options.machine,
-                io_map=options.io_map,
-            )
+            partial(observe, setting_at(frequency), seed, machine=options.machine, io_map=options.io_map)
             for frequency in missing
-            for number in range(runs)
         ]
-        runs_observed = spread(jobs, options.workers, options.progress)
-        for index, frequency in enumerate(missing):
-            self._paces[frequency] = CyclePace(frequency, tuple(runs_observed[index * runs : (index + 1) * runs]))
-
-
-def observed_runs(trials: int) -> int:
-    """Return the number of runs observed at a frequency for a given number of trials."""
-    return min(trials, _MOST_RUNS)
+        for frequency, run in zip(missing, spread(jobs, options.workers, options.progress), strict=True):
+            self._paces[frequency] = CyclePace(frequency, (run,))
 
 
 def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMap) -> Observed:
@@ -215,36 +191,6 @@ def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMa
     )
     landings_m = tuple(row.throw_along_m for row in watch.rows)
     return Observed(setting, seed, recorder.timeline(), landings_m, report.reason)
-
-
-def highest(
-    frequencies_per_min: Sequence[int], is_good: Callable[[int], bool], *, lowest: int = SLOWEST_PER_MIN
-) -> int | None:
-    """Return the highest integer frequency below the first one that fails a condition, 1/min; None if the lowest fails.
-
-    Args:
-        frequencies_per_min: Ascending start frequencies; the search continues by bisection between the first that
-            fails the condition and the one before it. If none fails, the result is the last one.
-        is_good: Function that returns True if a frequency meets the condition.
-        lowest: Lower end of the search if the first frequency fails.
-    """
-    good: int | None = None
-    bad: int | None = None
-    for frequency in frequencies_per_min:
-        if not is_good(frequency):
-            bad = frequency
-            break
-        good = frequency
-    if bad is None:
-        return good
-    if good is None:
-        if lowest >= bad or not is_good(lowest):
-            return None
-        good = lowest
-    while bad - good > 1:
-        middle = (good + bad) // 2
-        good, bad = (middle, bad) if is_good(middle) else (good, middle)
-    return good
 
 
 def round_needed_s(frequency_per_min: float) -> float:

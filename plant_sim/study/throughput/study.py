@@ -6,45 +6,38 @@ from collections.abc import Sequence
 from itertools import chain
 from statistics import fmean
 
-import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
-
 from controller.common.document.parts import Cell, Heading, Part, Picture, Table, counted
+from controller.program.set_points import FASTEST_PER_MIN, SLOWEST_PER_MIN
 from controller.program.tags import ROWS, SIDES
-from plant_sim.common.figure_style import COLOURS, SERIES, drawing
+from plant_sim.common.figure_style import drawing
 from plant_sim.study.estimates import ROWS_FAIL_TOGETHER, estimate
 from plant_sim.study.report.study import Study
-from plant_sim.study.runner import RunOptions, trial_record
+from plant_sim.study.runner import RunOptions
 from plant_sim.study.throughput.bottleneck import Bottleneck, first_late
 from plant_sim.study.throughput.chart import gantt_chart
 from plant_sim.study.throughput.driving import (
     FREQUENCIES_PER_MIN,
     MARGIN,
-    FrequencyLimits,
     FrequencyResult,
     ThroughputResult,
     drive,
     ground_speed_km_h,
 )
-from plant_sim.study.throughput.pace import (
-    SLOWEST_PER_MIN,
-    TRAYS,
-    CyclePaces,
-    observed_runs,
-    round_needed_s,
-)
+from plant_sim.study.throughput.figures import curves, scan_figure
+from plant_sim.study.throughput.pace import TRAYS, round_needed_s
+from plant_sim.study.throughput.record import record_of
+from plant_sim.study.throughput.scan import ConditionScan
 from plant_sim.twin.report import binomial_interval
 
 
 def throughput_study(
     options: RunOptions, *, frequencies_per_min: Sequence[int] = FREQUENCIES_PER_MIN, spacing_m: float | None = None
 ) -> Study:
-    """Run the twin at several planting frequencies and report the recommended driving speed.
+    """Run the twin at every planting frequency that the program serves and report the recommended driving speed.
 
     Args:
         options: Run options, with the machine.
-        frequencies_per_min: Initial planting frequencies; the limits are then determined to the nearest 1/min.
+        frequencies_per_min: Frequencies of the tables; they affect neither the limits nor the recommendation.
         spacing_m: Plant spacing in a row, m; None = 0.40, marked as assumed in the report.
 
     Raises:
@@ -52,7 +45,7 @@ def throughput_study(
     """
     result = drive(options, frequencies_per_min, spacing_m)
     changes = (False, True)
-    late = (first_late(result.paces.observed, changes_tray=change) for change in changes)
+    late = (first_late(result.paces, changes_tray=change) for change in changes)
     bottlenecks = [each for each in late if each]
     return Study(
         name="throughput",
@@ -63,40 +56,41 @@ def throughput_study(
         parts=tuple(
             chain(
                 _advice_parts(result),
-                _limit_parts(result.limits, observed_runs(options.trials)),
+                _limit_parts(result, len(next(iter(result.paces.values())).runs)),
                 _bottleneck_parts(bottlenecks),
+                _gain_parts(result),
                 _trial_parts(options, result),
                 _setting_parts(options, result),
             )
         ),
-        record=_record(result, bottlenecks),
+        record=record_of(result, bottlenecks),
     )
 
 
 def _advice_parts(result: ThroughputResult) -> list[Part]:
     advice, limits, spacing_m = result.advice, result.limits, result.spacing_m
-    parts: list[Part] = [Heading("Recommended speed")]
+    heading = Heading("Recommended speed")
     if advice is None:
         return [
-            *parts,
-            f"No speed can be recommended: no frequency down to {SLOWEST_PER_MIN}/min, the lowest of this study, is "
-            f"free of gaps with a margin of {100 * MARGIN:g} %.",
-            *_tried_parts(result),
+            heading,
+            f"No speed can be recommended: {_failure_text(limits.without_gap)}, and the program serves no frequency "
+            f"below {SLOWEST_PER_MIN}/min, with a margin of {100 * MARGIN:g} %.",
         ]
     top, safe = advice.highest, advice.with_margin
-    beyond = " (the highest frequency tested)" if top.frequency_per_min == limits.searched_to else ""
     text = (
         f"With {100 * spacing_m:g} cm between plants{' (assumed)' if result.is_assumed else ''}, drive up to "
         f"{ground_speed_km_h(top.frequency_per_min, spacing_m):.2f} km/h: {top.frequency_per_min} plants per minute "
-        f"per row{beyond}, without a gap in {counted(len(top.trials), 'trial')} of {top.trials[0].seedlings} "
-        f"seedlings. With a margin of {100 * MARGIN:g} %: "
-        f"{ground_speed_km_h(safe.frequency_per_min, spacing_m):.2f} km/h, {safe.frequency_per_min} per minute; each "
-        f"arm then waits at least {_least_wait_s(safe):.1f} s for its cups, on average."
+        f"per row. At every frequency from {SLOWEST_PER_MIN}/min to this one, {counted(len(top.trials), 'trial')} of "
+        f"{top.trials[0].seedlings} seedlings had no gap; {_failure_text(limits.without_gap)}. With a margin of "
+        f"{100 * MARGIN:g} %: {ground_speed_km_h(safe.frequency_per_min, spacing_m):.2f} km/h, "
+        f"{safe.frequency_per_min} per minute; each arm then waits at least {safe.least_wait_s:.1f} s for its cups, "
+        "on average."
     )
-    if limits.settled is not None and limits.settled > top.frequency_per_min:
+    settled = limits.settled.limit
+    if settled is not None and settled > top.frequency_per_min:
         text += (
-            f" Up to {ground_speed_km_h(limits.settled, spacing_m):.2f} km/h, {limits.settled} per minute, gaps occur "
-            "only at the start of the observed runs, until the timing between the arms has settled."
+            f" Up to {ground_speed_km_h(settled, spacing_m):.2f} km/h, {settled} per minute, gaps occur only at the "
+            "start of the observed runs, until the timing between the arms has settled."
         )
     trials = len(top.trials)
     _, most = binomial_interval(0, trials)
@@ -106,48 +100,106 @@ def _advice_parts(result: ThroughputResult) -> list[Part]:
         "exact binomial), and another seed may shift the limit by a few plants per minute; a larger --trials "
         "reduces the uncertainty."
     )
-    return [*parts, text, *_tried_parts(result)]
+    return [heading, text]
 
 
-def _tried_parts(result: ThroughputResult) -> list[Part]:
-    """Return the report parts with the trials made for the recommendation."""
-    points = [*result.tried, *([] if result.advice is None else [result.advice.with_margin])]
-    if not points:
-        return []
-    rows = tuple((each.frequency_per_min, len(each.trials), each.gaps) for each in points)
-    return [
-        Table(
-            "advice",
-            "Trials for the recommendation, downward from the limit of the observed runs",
-            ("frequency, 1/min", "trials", "with a gap, or not completed"),
-            rows,
-        )
-    ]
+def _failure_text(scan: ConditionScan) -> str:
+    first = scan.first_failure
+    if first is None:
+        return f"{max(scan.met)}/min is the highest frequency that the program serves"
+    return f"the first gap occurs at {first}/min"
 
 
-def _least_wait_s(point: FrequencyResult) -> float:
-    """Return the shortest mean wait for cups among all combinations of arm and row, s."""
-    return min(point.waiting_s(side, row) for side in SIDES for row in ROWS)
-
-
-def _limit_parts(limits: FrequencyLimits, runs: int) -> list[Part]:
+def _limit_parts(result: ThroughputResult, runs: int) -> list[Part]:
+    limits = result.limits
     rows: list[tuple[Cell, ...]] = [
-        ("no missed cup", limits.without_gap, _round_s(limits.without_gap)),
-        ("no missed cup from the third tray on", limits.settled, _round_s(limits.settled)),
+        (each.name, each.limit, _round_s(each.limit), each.first_failure, _ranges(each.met_again))
+        for each in limits.conditions
     ]
-    rows += [
-        (f"both arms over their cups in time with row {row}", limit, _round_s(limit))
-        for row, limit in limits.by_row.items()
-    ]
+    trials = len(next(iter(result.results.values())).trials)
     return [
         Heading("Limits of the arms"),
-        f"Determined with {counted(runs, 'run')} of {TRAYS} trays, with a resolution of 1/min, up to "
-        f"{limits.searched_to}/min; '-' means that the condition is not met at {SLOWEST_PER_MIN}/min. A round is the "
-        "time for twelve cups to pass; an arm that arrives after the twelfth cup leaves a gap.",
+        f"Every frequency that the program serves, {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}/min in steps of 1/min, was "
+        f"run: the first condition with {counted(trials, 'trial')}, the others with {counted(runs, 'run')} of {TRAYS} "
+        "trays. A condition need not be monotone, because the first gaps depend on the start position of the cups and "
+        "on which arm is first in the centre. Its limit is therefore the highest frequency up to which it is met "
+        "without exception. A round is the time for twelve cups to pass; an arm that arrives after the twelfth cup "
+        "leaves a gap.",
         Table(
             "limits",
-            "Highest planting frequency for each condition",
-            ("condition", "frequency, 1/min", "round, s"),
+            "Limit of each condition",
+            ("condition", "met up to, 1/min", "round, s", "first failure, 1/min", "met again at, 1/min"),
+            tuple(rows),
+        ),
+        Picture(
+            "scan",
+            "Trials with a gap at every planting frequency, with exact 95 % intervals; dashed: highest frequency "
+            "without exception",
+            scan_figure(result),
+        ),
+    ]
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Return ascending integers as text, with ranges for successive ones.
+
+    >>> _ranges((52, 53, 54, 60))
+    '52 to 54, 60'
+    """
+    groups: list[list[int]] = []
+    for number in numbers:
+        if groups and number == groups[-1][-1] + 1:
+            groups[-1].append(number)
+        else:
+            groups.append([number])
+    return ", ".join(str(each[0]) if len(each) == 1 else f"{each[0]} to {each[-1]}" for each in groups) or "-"
+
+
+def _gain_parts(result: ThroughputResult) -> list[Part]:
+    heading = Heading("Next plant per minute")
+    if not result.gains:
+        return []
+    base = result.gains[0].base_limit_per_min
+    scanned = [each for gain in result.gains for each in gain.scan.met]
+    rows: list[tuple[Cell, ...]] = [
+        (
+            each.motion.name,
+            each.base_s,
+            100 * (each.changed_s / each.base_s - 1),
+            each.motion.parameter,
+            f"{each.value:.4g}",
+            each.margin_s,
+            _limit_text(each.scan),
+            None if each.gained_per_min is None else f"{each.gained_per_min:+d}" if each.gained_per_min else "0",
+        )
+        for each in result.gains
+    ]
+    faster = [each for each in result.gains if each.changed_s < each.base_s and each.gained_per_min is not None]
+    most = max(faster, key=lambda each: (each.gained_per_min or 0, each.margin_s), default=None)
+    text = (
+        "The time of each motion was changed by 10 % on the twin, by its throttle, motor or set-point, until the "
+        f"measured time agreed, and the frequencies around the limit, from {min(scanned)} to {max(scanned)}/min, were "
+        "run again with the same seeds. The "
+        f"margin is the smallest one of the rounds at {base}/min."
+    )
+    if most is not None and (most.gained_per_min or 0) > 0:
+        text += f" The motion that gives the most is {most.motion.name}: {most.gained_per_min:+d} plants per minute."
+    return [
+        heading,
+        text,
+        Table(
+            "gains",
+            f"Limit with a changed time of one motion; unchanged machine: {base}/min",
+            (
+                "motion",
+                "time, s",
+                "changed by, %",
+                "by",
+                "value",
+                "margin changed by, s",
+                "limit, 1/min",
+                "plants per minute",
+            ),
             tuple(rows),
         ),
     ]
@@ -160,7 +212,7 @@ def _round_s(frequency_per_min: int | None) -> float | None:
 def _bottleneck_parts(bottlenecks: Sequence[Bottleneck]) -> list[Part]:
     parts: list[Part] = [Heading("Bottleneck")]
     if not bottlenecks:
-        return [*parts, "No arm is late at any tested frequency: the carousel, and thus the tractor, sets the pace."]
+        return [*parts, "No arm is late at any frequency: the carousel, and thus the tractor, sets the pace."]
     parts.append(
         "The critical path runs from a throw back to the previous one: it contains motions and dwells, and a wait is "
         "replaced by its cause. The round with the largest delay at the lowest frequency with a late round is shown."
@@ -186,7 +238,7 @@ def _trial_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
                 success.high,
                 success.sd,
                 point.mean("missed_cups"),
-                paces(point.frequency_per_min).settled_missed_cups,
+                paces[point.frequency_per_min].settled_missed_cups,
                 point.mean("cycle_time_s"),
                 point.air_l_min,
                 point.air_l_per_seedling,
@@ -209,12 +261,13 @@ def _trial_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
     )
     return [
         Heading("Trials"),
-        f"At each frequency {counted(options.trials, 'trial')} of {options.seedlings} seedlings; S with its exact 95 % "
-        f"interval; settled trays are those from the third tray of runs with {TRAYS} trays. {ROWS_FAIL_TOGETHER}",
+        f"At each frequency {counted(len(points[0].trials), 'trial')} of {options.seedlings} seedlings; S with its "
+        f"exact 95 % interval; settled trays are those from the third tray of runs with {TRAYS} trays. "
+        f"{ROWS_FAIL_TOGETHER}",
         Table("trials", "Results of the trials", heading, tuple(rows)),
         *_cause_parts(points),
         _waiting_table(points),
-        Picture("curves", "Success, gaps and air against the planting frequency", _curves(points, paces)),
+        Picture("curves", "Success, gaps and air against the planting frequency", curves(points, paces)),
     ]
 
 
@@ -236,10 +289,17 @@ def _waiting_table(points: Sequence[FrequencyResult]) -> Table:
     )
 
 
+def _limit_text(scan: ConditionScan) -> str:
+    """Return the limit of a scan, which may be below or at least the scanned frequencies."""
+    if scan.limit is None:
+        return f"below {min(scan.met)}"
+    return str(scan.limit) if scan.first_failure is not None else f"{scan.limit} or more"
+
+
 def _setting_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
     rows: list[tuple[Cell, ...]] = []
     for point in result.points:
-        landings_mm = result.paces(point.frequency_per_min).landings_mm
+        landings_mm = result.paces[point.frequency_per_min].landings_mm
         mean, largest = (fmean(landings_mm), max(landings_mm, key=abs)) if landings_mm else (None, None)
         rows.append((point.frequency_per_min, point.setting.values["program.no_cups"] / 10, mean, largest))
     return [
@@ -255,93 +315,3 @@ def _setting_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
             digits=1,
         ),
     ]
-
-
-def _curves(points: Sequence[FrequencyResult], paces: CyclePaces) -> Figure:
-    frequencies = [point.frequency_per_min for point in points]
-    with drawing():
-        figure = Figure(figsize=(11.0, 3.2), layout="constrained")
-        success, gaps, air = figure.subplots(1, 3)
-        means, lows, highs = _success(points)
-        success.errorbar(
-            frequencies, means, [means - lows, highs - means], fmt="o-", color=SERIES[0], capsize=2, markersize=3
-        )
-        success.set_ylabel("S and its 95 % interval, %")
-        missed = [point.mean("missed_cups") for point in points]
-        settled = [paces(each).settled_missed_cups for each in frequencies]
-        gaps.plot(frequencies, missed, "o-", color=COLOURS["alarms"], markersize=3, label="trial of two trays")
-        gaps.plot(frequencies, settled, "s--", color=COLOURS["faults"], markersize=3, label="settled tray")
-        gaps.set_ylabel("missed cups, mean")
-        gaps.legend()
-        air.plot(frequencies, [each.air_l_min for each in points], "o-", color=SERIES[5], markersize=3)
-        air.set_ylabel("air, L/min ANR")
-        for axes in (success, gaps, air):
-            axes.set_xlabel("planting frequency, 1/min per row")
-            axes.grid()
-    return figure
-
-
-def _success(points: Sequence[FrequencyResult]) -> NDArray[np.float64]:
-    """Return S for every point and the lower and upper ends of its 95 % interval, %, in three rows."""
-    estimates = (estimate("S", point.trials) for point in points)
-    return np.array([(each.mean, each.low, each.high) for each in estimates], dtype=np.float64).T
-
-
-def _record(result: ThroughputResult, bottlenecks: Sequence[Bottleneck]) -> dict[str, object]:
-    limits, advice, spacing_m = result.limits, result.advice, result.spacing_m
-    return {
-        "spacing_m": spacing_m,
-        "points": [_point_record(point, result.paces) for point in result.points],
-        "observed": [
-            {"set": dict(run.setting.values), "trays": TRAYS, "seed": run.seed, "reason": run.reason}
-            for pace in result.paces.observed.values()
-            for run in pace.runs
-        ],
-        "tried": [_tried_record(point) for point in result.tried],
-        "limits_per_min": {
-            "without_gap": limits.without_gap,
-            "settled": limits.settled,
-            "searched_to": limits.searched_to,
-            **{f"row {row}": limit for row, limit in limits.by_row.items()},
-        },
-        "advice": None
-        if advice is None
-        else {
-            name: {
-                "ground_speed_km_h": ground_speed_km_h(point.frequency_per_min, spacing_m),
-                "least_waiting_s": _least_wait_s(point),
-                **_tried_record(point),
-            }
-            for name, point in (("highest", advice.highest), ("with_margin", advice.with_margin))
-        },
-        "bottlenecks": {each.name: each.record() for each in bottlenecks},
-    }
-
-
-def _tried_record(point: FrequencyResult) -> dict[str, object]:
-    return {
-        "frequency_per_min": point.frequency_per_min,
-        "set": dict(point.setting.values),
-        "gaps": point.gaps,
-        "trials": [trial_record(trial) for trial in point.trials],
-    }
-
-
-def _point_record(point: FrequencyResult, paces: CyclePaces) -> dict[str, object]:
-    success = estimate("S", point.trials)
-    return {
-        "frequency_per_min": point.frequency_per_min,
-        "set": dict(point.setting.values),
-        "S": success.mean,
-        "S_low": success.low,
-        "S_high": success.high,
-        "S_sd": success.sd,
-        "missed_cups": point.mean("missed_cups"),
-        "missed_cups_a_settled_tray": paces(point.frequency_per_min).settled_missed_cups,
-        "cycle_time_s": point.mean("cycle_time_s"),
-        "air_l_min": point.air_l_min,
-        "air_l_per_seedling": point.air_l_per_seedling,
-        "waiting_s": {f"{side} row {row}": point.waiting_s(side, row) for side in SIDES for row in ROWS},
-        "least_margin_s": {f"row {row}": paces(point.frequency_per_min).least_margin_s(row) for row in ROWS},
-        "trials": [trial_record(trial) for trial in point.trials],
-    }

@@ -211,7 +211,7 @@ def stories(
     image = MACHINE.io_map.safe_outputs()
     now_ms, period_ms, hold_ms, repair = 0, 20, 0, USUAL_REPAIR
     for number in range(scans):
-        if number == 1:  # the FX2N writes the initial set-points in its first scan
+        if number == 1:
             for word, value in OTHER_WAYS:
                 if chance.random() < 0.4:
                     pair.write(word, value)
@@ -257,7 +257,9 @@ def _command(pair: Pair, chance: Random) -> None:
     if chance.random() < 0.002:
         word = chance.choice(ACTING.set_points)[0]
         lowest, highest = TAGS.sp.limits[word]
-        pair.write(word, chance.choice((lowest, highest, chance.randint(lowest, highest))))
+        value = chance.choice((lowest, highest, chance.randint(lowest, highest)))
+        if pair.scans:  # the FX2N writes the initial set-points in its first scan
+            pair.write(word, value)
 
 
 def _stick(pair: Pair, world: StandIn, chance: Random, repair: float) -> float:

@@ -199,7 +199,7 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
     "no tray leaves with full rows unless a person orders it, or an arm is out of service": [
         *(
             Case("full rows leave without an order", "tray_leaves tray_moving_out", turned)
-            for turned in ("tray_leaves", "tray_moving_out", "answers_none", "empties_the_line")
+            for turned in ("tray_leaves", "tray_moving_out", "empties_the_line")
         ),
         Case(
             "full rows leave without an order",

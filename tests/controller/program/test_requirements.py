@@ -62,7 +62,6 @@ def machine_facts() -> dict[str, Expr]:
         "tray_fault": MACHINE.alarms.tray_jam,
         "tray_asked": tray.ask,
         "tray_leaves": tray.leaves,
-        "answers_none": TAGS.commands.tray_none,
         "declared_with_memory": SAFETY.declaration.with_memory,
         "declared_in_motion": SAFETY.declaration.in_motion,
         "declared_in_use": SAFETY.declaration.in_use,

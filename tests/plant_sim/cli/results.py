@@ -34,9 +34,10 @@ factors:
   crop.claw_pressure_mpa: {levels: [0.3, 0.5]}
 seedlings: 1
 """
+TRIALS: Final = "foam (mm),S (%)\n8,90\n8,91\n16,93\n16,95\n"
 RESULTS: Final = {
     "trial": "trial --seedlings 1 --max-s 3 --seed 4 --record OUT/trial.parquet",
-    "line": "line IN/LINE.yaml --metres 2 --seed 3",
+    "line": "line IN/LINE.yaml --metres 2 --seed 3 --format pdf,png,svg --dpi 80",
     "study own": "study own IN/STUDY.yaml --workers 1 --machine IN/MACHINE.yaml",
     "faults": "faults --fault broken_wire:start --moments 1 --jobs 1",
     "study campaign": "study campaign IN/CAMPAIGN.yaml --workers 2 --shard 1",
@@ -48,6 +49,8 @@ RESULTS: Final = {
     "hil": "hil program --no-reference --cases stop --only no-such-case",
     "study cabbage-rsm": "study cabbage-rsm --data printed",
     "study line-slip": "study line-slip",
+    "study analyse": "study analyse IN/TRIALS.csv --factors foam --best low",
+    "study plan": "study plan --difference 93,95 --design L9 --factors foam=8..16,age=45..55 --trials 2",
     "study pepper-rsm": "study pepper-rsm --trials 1 --seedlings 12",
     "study pepper-single": "study pepper-single --trials 1 --seedlings 12",
     "study calibration": "study calibration",
@@ -59,7 +62,7 @@ RESULTS: Final = {
 """Commands that write a small result, by kind: those that run by default first, then those of a night and of a week."""
 BY_DEFAULT: Final = 2
 """Kinds that run by default: a recording, and tables and pictures with a copied file."""
-NIGHTLY: Final = 13
+NIGHTLY: Final = 15
 """Further kinds that run every night; the others take a minute each."""
 WITHOUT: Final = {"docs": "documentation", "reproduce": "writes the result of another command"}
 """Commands with ``--out`` whose files carry no provenance of their own."""
@@ -79,6 +82,7 @@ def carried(path: Path, identity: str) -> Any:
         ".json": lambda: json.loads(_text(path))["provenance"],
         ".md": lambda: identity if f"| provenance | {identity} |" in _text(path) else None,
         ".parquet": lambda: _in_schema(path),
+        ".pdf": lambda: json.loads(_subject(path)),
         ".png": lambda: json.loads(_info(path)["provenance"]),
         ".svg": lambda: json.loads(unescape(re.findall("<dc:description>(.*?)</dc:description>", _text(path))[0])),
         ".xml": lambda: next(
@@ -93,6 +97,13 @@ def carried(path: Path, identity: str) -> Any:
 
 def _text(path: Path) -> str:
     return path.read_text(encoding="utf-8")
+
+
+def _subject(path: Path) -> str:
+    """Return the subject of a PDF, a literal string in which brackets and backslashes are escaped."""
+    found = re.search(rb"/Subject \((.*?)(?<!\\)\)", path.read_bytes(), re.DOTALL)
+    assert found is not None
+    return re.sub(rb"\\([()\\])", rb"\1", found[1]).decode()
 
 
 def _info(path: Path) -> dict[Any, Any]:

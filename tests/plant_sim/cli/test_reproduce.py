@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from controller.common.errors import InputError
+from controller.common.stop_request import INTERRUPTED, StopRequest
 from plant_sim.cli.main import COMMAND_LINE, main
 from plant_sim.cli.reproduce import comparison, recorded_run
 from plant_sim.cli.reproduce.origin import FILES, OUTPUTS, WITHOUT_EFFECT
@@ -19,7 +20,7 @@ from plant_sim.common.provenance import content
 from plant_sim.line.file import LINES
 from plant_sim.scenario.file import SCENARIOS
 from tests.paths import ROOT
-from tests.plant_sim.cli.results import BY_DEFAULT, CAMPAIGN, NIGHTLY, RESULTS, STUDY, WITHOUT, carried, parsers
+from tests.plant_sim.cli.results import BY_DEFAULT, CAMPAIGN, NIGHTLY, RESULTS, STUDY, TRIALS, WITHOUT, carried, parsers
 from tests.sampling import first_of
 
 Change = Callable[[dict[str, Any]], object]
@@ -29,6 +30,7 @@ def write(kind: str, folder: Path) -> Path:
     """Write a result of a kind and return its folder."""
     texts = {
         "CAMPAIGN.yaml": CAMPAIGN,
+        "TRIALS.csv": TRIALS,
         "LADDER.il": "LD X000\nOUT Y000\nEND\n",
         "LINE.yaml": (LINES / "cabbage.yaml").read_text(encoding="utf-8"),
         "MACHINE.yaml": DEFAULT_MACHINE.read_text(encoding="utf-8") + "\n# ours\n",
@@ -134,6 +136,7 @@ def reproduce(folder: Path, change: Change | None = None) -> int:
         (lambda record: record["files"].update({"../x": ""}), "files: '../x' is not a name of a file"),
         (lambda record: record["files"].update({"a\x1b[2J": ""}), "files: 'a\\x1b[2J' is not a name of a file"),
         (lambda record: record["environment"].update(numpy="\x1b[2J"), "environment: contains control characters"),
+        (lambda record: record.update(interrupted=True), "interrupted: a signal ended the run"),
         (lambda record: record.pop("settings"), "settings: is missing or not an object"),
         (lambda record: record["parameters"].update(machine="0"), "machine.yaml: is not the file of the result"),
     ],
@@ -168,6 +171,18 @@ def test_a_run_in_real_time_and_a_foreign_controller_are_not_reproduced(
         assert f"settings: {name} is not" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", ["trial", "run --fast"])
+def test_an_interrupted_trial_is_not_reproduced(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "result"
+    with StopRequest() as stop:
+        stop.set()
+        assert main([*command.split(), "--out", str(folder)], stop) == INTERRUPTED
+    assert main(["reproduce", str(folder), "--out", str(tmp_path / "again")]) == 2
+    assert "interrupted: a signal ended the run" in capsys.readouterr().err
+
+
 def test_a_damaged_copy_of_the_parameters_is_refused(line: Path, capsys: pytest.CaptureFixture[str]) -> None:
     copy = line / "given" / "line" / "LINE.yaml"
     copy.write_text(copy.read_text(encoding="utf-8").replace("spacing: 42 cm", "spacing: 43 cm") + "\n", "utf-8")
@@ -191,7 +206,7 @@ def test_a_damaged_result_is_told(line: Path, capsys: pytest.CaptureFixture[str]
     assert "result.json: was changed after it was written\n" in printed
     assert "rows.svg: is missing in the original result\n" in printed
     assert "plants.parquet: equal\n" in printed
-    assert printed.endswith("DIFFERENT: 5 files, byte for byte\n")
+    assert printed.endswith("DIFFERENT: 7 files, byte for byte\n")
 
 
 def test_other_libraries_are_named_and_numbers_compared_within_the_tolerance(
@@ -216,7 +231,7 @@ def test_other_libraries_are_named_and_numbers_compared_within_the_tolerance(
 
     near = compared(text.replace(time_s, repr(float(time_s) * (1 + 1e-8)), 1))
     assert near[0] == "plants.csv: equal within the tolerance"
-    assert near[-1] == "equal: 5 files, numbers within 1e-06, or 1e-09 near zero"
+    assert near[-1] == "equal: 7 files, numbers within 1e-06, or 1e-09 near zero"
     assert compared(text.replace("upright", "tilted", 1))[0] == "plants.csv: differs in its text"
     table.write_text(text.replace(time_s, repr(float(time_s) * (1 + 1e-5)), 1), encoding="utf-8")
     assert reproduce(line, forge) == 1

@@ -36,6 +36,7 @@ def test_spacing_and_ratio_are_one_quantity() -> None:
 def test_report_has_every_point_and_is_reproducible() -> None:
     study = slip_study(MACHINE, seed=2, metres=30)
     assert study.json() == slip_study(MACHINE, seed=2, metres=30).json()
+    assert str(study.parts[1]).startswith("What was fitted to what: ")
     points = json.loads(study.json())["points"]
     assert len(points) == len(MEANS) * len(SDS) + 2
     assert [point["drive"] for point in points[-2:]] == ["motor", "motor"]

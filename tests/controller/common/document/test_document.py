@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -108,7 +109,8 @@ def test_markdown_escapes_markup() -> None:
         "| 12.50 | - | - | 5 \\* 3\\_ |\n\n"
         "\\# no heading\n\n1\\. no list\n\n\\- none either\n\nfoam_mm \\_stays\\_\n\n"
         "## \\`h\\`\n\n"
-        "![Success over \\*foam\\*](success.png)\n\nSuccess over \\*foam\\* ([SVG](success.svg))\n"
+        "![Success over \\*foam\\*](success.png)\n\n"
+        "Success over \\*foam\\* ([SVG](success.svg), [data](success.data.csv))\n"
     )
 
 
@@ -119,8 +121,29 @@ def test_markdown_in_texts_is_kept_if_they_are_not_literal() -> None:
         "# T & U\n\n- `a|b`\n- c\n\n"
         "| key | count |\n| --- | --- |\n| `a\\|b` | 1 |\n| c_ | 20 |\n\n"
         "### `h`\n\n"
-        "![Success over *foam*](success.png)\n\nSuccess over *foam* ([SVG](success.svg))\n"
+        "![Success over *foam*](success.png)\n\nSuccess over *foam* ([SVG](success.svg), [data](success.data.csv))\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("formats", "shown", "linked"),
+    [
+        (("pdf", "svg"), ["success.svg"], ["success.pdf", "success.data.csv"]),
+        (("png",), ["success.png"], ["success.data.csv"]),
+        (("pdf",), [], ["success.pdf", "success.data.csv"]),
+    ],
+)
+def test_a_page_shows_a_format_that_exists_and_links_the_others(
+    formats: tuple[str, ...], shown: list[str], linked: list[str]
+) -> None:
+    """A browser shows no PDF as an image."""
+    picture = Picture("success", "Success", Blank(), formats)
+    page = Page(html(TITLE, [picture]))
+    assert [attributes["src"] for tag, attributes in page.tags if tag == "img"] == shown
+    assert [attributes["href"] for tag, attributes in page.tags if tag == "a"] == linked
+    text = markdown(TITLE, [picture])
+    assert re.findall(r"!\[Success]\((.*?)\)", text) == shown
+    assert re.findall(r"(?<!!)\[\w+]\((.*?)\)", text) == linked
 
 
 def test_the_rule_of_a_reference_table_has_no_spaces() -> None:
@@ -138,7 +161,7 @@ def test_html_escapes_markup_and_links_files_in_its_folder() -> None:
     assert [tag for tag in tags if tag[0] == "h" and tag[1:].isdigit()] == ["h1", "h3"]
     assert tags.count("caption") == 1  # not for the table without a name
     targets = [value for _, attributes in page.tags for key, value in attributes.items() if key in ("src", "href")]
-    assert targets == ["yield-by-foam.csv", "success.svg"]
+    assert targets == ["yield-by-foam.csv", "success.svg", "success.png", "success.data.csv"]
     cells = [attributes.get("class") for tag, attributes in page.tags if tag == "td"]
     assert cells == ["number", "number", "number", None] * 3 + [None] * 4
 

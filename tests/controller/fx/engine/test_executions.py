@@ -25,6 +25,7 @@ from controller.fx.language.cpu_model import FX2N, FX3U
 from controller.fx.language.il import read_il
 from tests.controller.fx.engine.fx_pair import PairedPlc
 from tests.paths import ROOT
+from tests.sampling import examples
 
 # ---- arbitrary programs -----------------------------------------------------------------------------------------
 
@@ -239,7 +240,7 @@ def check_program(text: str, story: list[FxScan]) -> None:
         plc.scan(now_ms, scanned.levels)
 
 
-@settings(max_examples=12)
+@examples(8, nightly=100)
 @given(programs(), STORIES)
 def test_arbitrary_programs_have_equal_devices_after_every_scan(text: str, story: list[FxScan]) -> None:
     check_program(text, story)

@@ -173,7 +173,11 @@ def test_the_report_explains_the_sampled_front_and_the_basis_of_its_tail(
 def test_the_plots(studies: dict[str, Study]) -> None:
     for study in studies.values():
         pictures = figures_of(study)
-        assert list(pictures) == ["y1-contours", "y1-runs", "y2-contours", "y2-runs", "pareto-front"]
+        assert list(pictures) == [
+            *("y1-residuals", "y1-contours", "y1-runs"),
+            *("y2-residuals", "y2-contours", "y2-runs"),
+            "pareto-front",
+        ]
         labels = [line.get_label() for line in pictures["pareto-front"].axes[0].lines]
         assert labels[:3] == ["settings in the box", "Pareto front", "claimed setting, by the refit"]
 
@@ -203,10 +207,27 @@ def test_the_number_of_matching_figures_is_listed_with_the_data(studies: dict[st
     assert shown["Y2: cells of Table 3 that agree to the printed digits"] == (None, f"{cells.same} of {cells.of}")
 
 
-def test_a_lack_of_fit_is_reported_first(studies: dict[str, Study]) -> None:
-    """The model of Y1 has a lack of fit for the printed data but, as in the paper, not for the reconciled data."""
-    assert str(studies["printed"].parts[0]).startswith("Y1, full quadratic: the model does not fit (lack of fit P 0.04")
-    assert "the model does not fit" not in studies["reconciled"].text()
+def test_what_was_fitted_and_a_lack_of_fit_are_reported_first(studies: dict[str, Study]) -> None:
+    """By the weighted fit Y1 has a lack of fit for both data sets, by least squares only for the printed one."""
+    expected: dict[CabbageData, str] = {"printed": "0.0213", "reconciled": "0.0456"}
+    for data, p in expected.items():
+        assert str(studies[data].parts[0]).startswith("What was fitted to what: equations 10 and 11")
+        wanted = f"Y1, full quadratic: the model does not fit (lack of fit P {p})"
+        assert str(studies[data].parts[1]).startswith(wanted)
+        y1, _ = fitted(data)
+        assert ((y1.full.row("lack of fit").p or 0) < 0.05) == (data == "printed")
+
+
+def test_a_scatter_below_chance_is_reported_with_its_consequence(studies: dict[str, Study]) -> None:
+    """The nine centre runs scatter 0.16 times as much as counts of 360 independent seedlings."""
+    y1, _ = fitted("reconciled")
+    assert y1.weighted.dispersion.degrees == 8
+    f, p = y1.weighted.lack_of_fit_with_least_dispersion() or (0.0, 0.0)
+    lack = y1.weighted.row("lack of fit")
+    assert (f, lack.f) == pytest.approx((lack.mean_square, f / (y1.weighted.dispersion.estimate or 0)))
+    text = studies["reconciled"].text()
+    assert "scatter less than counts of that many independent seedlings can: doubt the counts" in text
+    assert f"the lack of fit has F {f:.2f}, P {p:.4f}." in text
 
 
 def test_the_speed_ratio_follows_the_simulated_cases() -> None:

@@ -335,6 +335,43 @@ def test_dependent_parameters_can_only_be_changed_together(tmp_path: Path) -> No
     assert own.settings[0].machine(MACHINE).handling.cell_pitch_m == 0.042
 
 
+TIED = GOOD.replace(
+    "crop.claw_pressure_mpa: {low: 0.3, high: 5 bar}", "handling.cell_pitch_m: {low: 41 mm, high: 43 mm}"
+)
+TRAVEL = "tied:\n  spreader.travel_m: {to: handling.cell_pitch_m, low: 209 mm, high: 187 mm}\n"
+"""The eleven gaps of twelve claws spread by the travel, so that their pitch is that of the cups, 60 mm."""
+
+
+def test_a_tied_parameter_changes_with_its_factor(tmp_path: Path) -> None:
+    own = load_custom_study(written(tmp_path, TIED + TRAVEL), MACHINE)
+    pairs = {(each.values["handling.cell_pitch_m"], each.values["spreader.travel_m"]) for each in own.settings}
+    assert np.array(sorted(pairs)) == pytest.approx(np.array([[0.041, 0.209], [0.043, 0.187]]))
+    text = custom_study(own, options(RunsOnly)).text()
+    assert "Tied: spreader.travel_m changes with handling.cell_pitch_m, from 0.209 to 0.187 m." in text
+    with pytest.raises(StudyError, match=r"spreader.travel_m: spreads the claws to"):
+        load_custom_study(written(tmp_path, TIED), MACHINE)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (("to: handling.cell_pitch_m", "to: handling.cell_pitch"), "tied.spreader.travel_m.to: unknown factor"),
+        ((", high: 187 mm", ""), "tied.spreader.travel_m: must have {to:, low:, high:}"),
+        (
+            ("spreader.travel_m:", "crop.foam_thickness_mm:"),
+            "tied.crop.foam_thickness_mm: is also a factor; delete one",
+        ),
+        (("high: 187 mm", "high: 187 s"), "tied.spreader.travel_m.high: '187 s': s is a unit of another quantity"),
+        (("spreader.travel_m:", "spreader.travl_m:"), "tied.spreader.travl_m: unknown parameter of the machine"),
+    ],
+)
+def test_an_invalid_tie_is_rejected_with_its_line(tmp_path: Path, change: tuple[str, str], complaint: str) -> None:
+    path = written(tmp_path, TIED + TRAVEL.replace(*change))
+    with pytest.raises(StudyError) as refusal:
+        load_custom_study(path, MACHINE)
+    assert str(refusal.value).startswith(f"{path}:12: {complaint}")
+
+
 def test_percentages_are_pooled_and_get_the_exact_binomial_interval() -> None:
     """The Clopper-Pearson interval for 130 and 140 of 144 equals that from quantiles of the beta distribution."""
     found = estimate("S", [report(in_cups=130, seedlings=144), report(in_cups=140, seedlings=144)])
@@ -408,6 +445,55 @@ def test_the_model_recovers_the_known_function(tmp_path: Path) -> None:
     assert record["runs"][3]["setting"] == {FOAM: 8.0, PRESSURE: 0.5}
 
 
+class Losing(RunOptions):
+    """Substitute for trials: binomial numbers of seedlings are lost in picking, more with thick foam."""
+
+    __slots__ = ()
+
+    def run(self, settings: Sequence[FactorSetting]) -> list[list[TrialReport]]:
+        """Return the reports for every setting."""
+        chance = np.random.default_rng(3)
+        reports = []
+        for setting in settings:
+            lost = chance.binomial(144, 0.05 + 0.02 * (setting.values[FOAM] - 8), size=self.trials)
+            reports.append([self.of(int(each)) for each in lost])
+        return reports
+
+    @staticmethod
+    def of(lost: int) -> TrialReport:
+        """Return a report of 144 seedlings, some of them lost in picking."""
+        percent = 100 * lost / 144
+        return report(seedlings=144, in_cups=144 - lost, P=lost, D=0, S=100 - percent, F_p=percent, F_d=0.0)
+
+
+def test_rates_are_fitted_to_the_counts_of_the_trials_without_p_values(tmp_path: Path) -> None:
+    """Success with the identity link, losses with the logit; the repeated trials of six points give the error."""
+    text = edited("[S, cycle_time_s]", "[S, F_p, F_d]").replace("replicates: 2", "replicates: 4")
+    study = custom_study(load_custom_study(written(tmp_path, text), MACHINE), options(Losing))
+    models = json.loads(study.json())["models"]
+    assert {name: model["link"] for name, model in models.items()} == {"S": "identity", "F_p": "logit"}
+    assert models["S"]["dispersion"]["degrees"] == models["F_p"]["dispersion"]["degrees"] == 6 * 3
+    effects = table(study, "f-p-coefficients")
+    assert effects.heading == ("term", "estimate", "Monte Carlo error", "95 % interval: from", "to")
+    assert effects.caption.endswith("; coefficients in logits")
+    name, value, _, low, high = effects.rows[1]
+    assert (name, value) == ("X1", models["F_p"]["coefficients"]["X1"]["value"])
+    assert isinstance(low, float)
+    assert isinstance(high, float)
+    assert 0 < low < 0.5 * np.log(0.13 / 0.87 / (0.05 / 0.95)) < high
+    assert not any(part.heading[-1] == "P" for part in study.parts if isinstance(part, Table))
+    assert "in every trial: no model is fitted" in study.text()
+
+
+def test_what_was_fitted_and_a_changed_machine_are_on_the_first_page(tmp_path: Path) -> None:
+    changed = replace(options(), machine=MACHINE.with_values({"seedling.adhesion_n": 2.0}))
+    study = custom_study(load_custom_study(written(tmp_path, GOOD), MACHINE), changed)
+    before = [str(part) for part in study.parts[: study.parts.index(Heading("Runs"))]]
+    assert any(part.startswith("Changed machine: seedling.adhesion_n differ") for part in before)
+    assert any(part.startswith("What was fitted to what") for part in before)
+    assert json.loads(study.json())["changed_parameters"] == ["seedling.adhesion_n"]
+
+
 def test_a_constant_response_is_reported_and_not_fitted(tmp_path: Path) -> None:
     study = custom_study(load_custom_study(written(tmp_path, GOOD), MACHINE), options())
     assert "S is " in study.text()
@@ -445,7 +531,7 @@ def test_the_plots_match_the_design_and_the_model(
     assert line in study.text()
     if "cycle-time-s-contours" not in pictures:
         effects = next(figure for name, figure in figures_of(study).items() if name.startswith("cycle"))
-        drawn = effects.axes[1].lines[1].get_ydata()
+        drawn = effects.axes[1].lines[-1].get_ydata()
         assert np.asarray(drawn) == pytest.approx([10.0, 6.0])  # mean over foam at 0.3 and 0.5 MPa
 
 
@@ -506,10 +592,10 @@ def test_a_model_without_significance_is_reported_first_and_has_no_surface(tmp_p
     )
     study = custom_study(load_custom_study(written(tmp_path, text), MACHINE), options(Chance))
     before = study.parts[: study.parts.index(Heading("Runs"))]
-    assert any(str(part).startswith("cycle_time_s: the model is not significant") for part in before)
+    assert any(str(part).startswith("cycle_time_s: the effects do not exceed the Monte Carlo error") for part in before)
     ((name, figure),) = figures_of(study).items()
     assert name == "cycle-time-s-main-effects"
-    assert len(figure.axes[0].lines) == 1
+    assert len(figure.axes[0].lines) == 1, "the points, and no curve"
     assert "cycle-time-s-coefficients" in [part.name for part in study.parts if isinstance(part, Table)]
 
 

@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Callable
 from copy import copy
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from controller.common.document.parts import Table
 from plant_sim.crop.expectation import Shares
 from plant_sim.crop.mechanics import SeedlingSpec
-from plant_sim.crop.response import CropSpec
+from plant_sim.crop.response import CropSpec, success_percent
 from plant_sim.machine.parameters import load_machine
+from plant_sim.study.pepper import calibration
 from plant_sim.study.pepper import calibration_study as fits
 from plant_sim.study.pepper.calibration import (
     FITTED,
@@ -24,6 +26,7 @@ from plant_sim.study.pepper.calibration import (
     courses,
     design_region,
     differences,
+    everywhere,
     middle,
     statement_residuals,
     success_at,
@@ -145,6 +148,38 @@ def test_only_the_named_constants_are_fitted(motion: NominalMotion) -> None:
     assert set(FITTED) < set(SeedlingSpec.__slots__)
     for name, (low, high) in FITTED.items():
         assert low <= getattr(SPEC, name) <= high
+
+
+def test_held_out_settings_take_no_part_in_the_fit(motion: NominalMotion, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With thick foam and pressures of the upper half held out, only differences from eq. 5 elsewhere are minimised."""
+
+    class Captured(Exception):  # noqa: N818 - not an error
+        def __init__(self, residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
+            self.residuals = residuals
+
+    def capture(residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]], *_: object, **__: object) -> None:
+        raise Captured(residuals)
+
+    def minimised(**options: Callable[..., Any]) -> NDArray[np.float64]:
+        with pytest.raises(Captured) as caught:
+            calibrate(middle(SPEC), motion, **options)
+        return caught.value.residuals(np.full(len(FITTED), 0.5))
+
+    def is_thin(foam_mm: Any, age_d: Any, pressure_mpa: Any) -> Any:
+        return (foam_mm <= 12) & (age_d > 0) & (pressure_mpa > 0)
+
+    def wrong(foam_mm: Any, age_d: Any, pressure_mpa: Any) -> Any:
+        """Return eq. 5, made useless where it must not be looked at."""
+        return np.where(is_thin(foam_mm, age_d, pressure_mpa), success_percent(foam_mm, age_d, pressure_mpa), 1e6)
+
+    monkeypatch.setattr(calibration, "least_squares", capture)
+    everything, held_out = minimised(), minimised(is_fitted=is_thin, equation=wrong)
+    lines = minimised(is_fitted=is_thin, is_line_fitted=everywhere)
+    region = design_region(9)
+    thick = int((region[0] > 12).sum())
+    assert len(everything) - len(lines) == thick
+    assert len(everything) - len(held_out) == thick + 3 + 14  # levels of foam above 12 mm; both other tests use 12.5 mm
+    assert np.abs(held_out).max() < 1e4
 
 
 def test_the_tables_of_the_guide_contain_the_calculated_courses(motion: NominalMotion) -> None:

@@ -468,7 +468,7 @@ def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper() -
     off = np.abs(np.subtract(twin["natural"], paper["natural"]))
     assert (off < (1.0, 2.0, 0.03)).all()
     assert twin["S"] == pytest.approx(paper["S"], abs=0.5)
-    assert "lack of fit: P undefined, because all centre runs are equal" in study.text()
+    assert "S: no repeated trials that differ, so the error is unknown: there is no P value" in study.text()
     assert paper["natural"] == pytest.approx([10.1, 51.0, 0.394], abs=0.05)
     for term, value in record["paper"]["coefficients"].items():
         assert record["twin"]["coefficients"][term]["value"] == pytest.approx(value, abs=0.5), term
@@ -482,8 +482,8 @@ def test_rsm_compares_paper_refit_and_twin() -> None:
     """Every table contains the values of the record under the correct heading."""
     study = typical(rsm_study)
     record, found = json.loads(study.json()), tables(study)
-    assert list(found) == ["runs", "coefficients", "anova", "optimum", "verification"]
-    assert pictures(study) == {"success-contours", "success-runs"}
+    assert list(found) == [*("runs", "coefficients", "success-quality", "anova", "optimum", "pareto", "verification")]
+    assert pictures(study) == {"success-residuals", "success-contours", "success-runs", "pareto-front"}
     columns = found["runs"].heading
     for row, run in zip(found["runs"].rows, record["runs"], strict=True):
         run_json = dict(zip(columns, row, strict=True))
@@ -496,7 +496,7 @@ def test_rsm_compares_paper_refit_and_twin() -> None:
     assert optimum["best of the twin"][3] == pytest.approx(record["optimum"]["S"])
     assert optimum["best of the refit"][4] == pytest.approx(record["paper_optimum"]["S"])
     assert optimum["rounded by the paper"][5] == pytest.approx(94.93, abs=0.01)
-    assert found["coefficients"].heading[1:4] == ("paper", "refit", "twin")
+    assert found["coefficients"].heading[1:4] == ("paper", "refit of Table 4", "twin")
     constant = found["coefficients"].rows[0]
     assert constant[1:4] == pytest.approx(
         (93.76, record["refit"]["coefficients"]["1"]["value"], record["twin"]["coefficients"]["1"]["value"]), abs=1e-9
@@ -518,7 +518,7 @@ def test_rsm_reports_the_uncertainty_of_its_optimum() -> None:
         assert value - 1e-2 * largest <= most <= largest + 1e-9
     assert f"is expected between {low:.1f} and {high:.1f} % (95 % prediction interval, limited" in study.text()
     assert "which cannot be" not in study.text()
-    assert "The regression uses each run once, with the pooled success rate of its 2 trials." in study.text()
+    assert "The unit is the trial: 40 trials, weighted by the binomial variance function" in study.text()
 
 
 @pytest.mark.nightly
@@ -535,7 +535,7 @@ def test_an_optimum_above_100_percent_is_reported(monkeypatch: pytest.MonkeyPatc
     assert optimum["S"] > 100
     assert optimum["prediction_interval_95"][1] == 100
     assert study.text().count(f"the quadratic model gives S {optimum['S']:.1f} %, which is impossible") == 2
-    assert "S: the model is not significant" in study.text()
+    assert "trials the fitted share is within 0.5 % of 0 or 100 %, or beyond; the variance is not known" in study.text()
 
 
 @pytest.mark.parametrize("study", first_of([rsm_study, single_study]))
@@ -608,6 +608,7 @@ def test_the_verification_compares_every_trial_with_those_of_the_paper(
 def run_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
     """Run the command and return its record."""
     parser = argparse.ArgumentParser()
+    parser.set_defaults(command="study")
     add_arguments(parser)
     assert study_command(parser.parse_args([*arguments, "--json", "--workers", "1"])) == 0
     return json.loads(capsys.readouterr().out)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.common.document.parts import Table
 from plant_sim.planter.falls import OPENERS_DEG, default_table
 from plant_sim.planter.parameters import load_planter, load_ranges
 from plant_sim.planter.quality import lodging_share
@@ -86,6 +87,7 @@ def test_verdict_study_finds_the_switches(verdict_report: Study, tmp_path: Path)
     assert [0.865 < at < 1.0 for at in switches["tipped to pushed"]] == [True]
     assert [1.0 <= at < 1.1 for at in switches["pushed to clean"]] == [True]
     text = verdict_report.text()
+    assert str(verdict_report.parts[0]).startswith("What was fitted to what: ")
     assert "The verdicts of all three cases are reproduced." in text
     assert "The paper contradicts itself" in text
     assert "lodging is 1.99 to 8.53 %" in text
@@ -123,6 +125,7 @@ def test_release_study_draws_the_window(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(release, "SAMPLES", 2)
         study = release.release_study(PLANTER, RANGES, tables, draws=2, seed=1, workers=1)
+    assert str(study.parts[0]).startswith("What was fitted to what: ")
     rigid = record_of(study)["grounds"]["rigid_ground"]
     ratios = rigid["ratios"].tolist()
     assert (ratios[0], ratios[-1]) == (0.8, 1.6)
@@ -177,6 +180,14 @@ def test_lodging_study_holds_runs_back_and_compares(lodging_report: Study, tmp_p
     assert [each["seedlings"] for each in check["mechanics"]] == [6, 6, 6, 10, 10, 10]
     assert check["codes"][2] == pytest.approx(-1.455, abs=5e-4)
     text = lodging_report.text()
+    assert str(lodging_report.parts[0]).startswith("What was fitted to what: ")
+    for part in lodging_report.parts:
+        if isinstance(part, Table) and "-errors-" in part.name:
+            assert part.heading[2:4] == ("fitted, in-sample", "held back")
+            *others, equation = part.rows
+            assert equation[3:6] == (None, None, None)
+            assert equation[6] is not None
+            assert all(row[3] is not None and row[6] is None for row in others)
     for phrase in (
         "would crush 50 % of them",
         "neither the equations nor the fitted constants apply to plugs of pepper",

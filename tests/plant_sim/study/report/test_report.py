@@ -50,6 +50,7 @@ def test_the_folder_contains_report_tables_and_plots_only(tmp_path: Path) -> Non
     folder = tmp_path / "new" / "foam"
     files = write(complete_study(), folder)
     names = {"report.md", "report.html", "study.json", "yield-by-foam.csv", "success.png", "success.svg"}
+    names.add("success.data.csv")
     assert {path.name for path in files} == names
     assert {path.name for path in folder.iterdir()} == names
     assert all(path.parent == folder for path in files)

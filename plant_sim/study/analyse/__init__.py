@@ -1,0 +1,1 @@
+"""Analysis of a table of trials that somebody else measured."""

@@ -1,0 +1,1 @@
+"""Size of an experiment and its order of runs, before anything runs."""

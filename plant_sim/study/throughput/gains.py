@@ -1,0 +1,216 @@
+"""Effect of the time of each motion on the highest planting frequency without a gap, measured on the twin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial, reduce
+from statistics import fmean
+from typing import Final
+
+from controller.program.set_points import FASTEST_PER_MIN, SLOWEST_PER_MIN, SetPoints
+from plant_sim.machine.parameters import Machine
+from plant_sim.study.engines import spread
+from plant_sim.study.factors import FactorSetting
+from plant_sim.study.runner import RunOptions, trial_seed
+from plant_sim.study.throughput.pace import Observed, observe, setting_at
+from plant_sim.study.throughput.scan import ConditionScan
+from plant_sim.study.throughput.timeline import Timeline, motion_of
+from plant_sim.twin.report import TrialReport
+
+CHANGES: Final = (-0.10, 0.10)
+"""Changes of the time of a motion, as fractions."""
+REACH_PER_MIN: Final = 6
+"""Distance from the limit of the machine up to which the frequencies are scanned in the direction in which a changed
+motion is expected to move it, 1/min; in the other direction it is `REACH_BACK_PER_MIN`."""
+REACH_BACK_PER_MIN: Final = 1
+_CLOSE: Final = 0.003
+"""Largest difference between the wanted and the measured change of a time, as a fraction of the time."""
+_ROUNDS: Final = 4
+"""Largest number of runs in which the change of a time is approached."""
+_PROGRAM: Final = "program."
+
+
+@dataclass(frozen=True)
+class ChangedMotion:
+    """Motion whose time is changed.
+
+    Attributes:
+        name: Name of the motion.
+        steps: Names of the motions of the steps whose total time is changed.
+        parameter: Parameter of the machine or set-point of the program, by dotted name, that changes the time.
+        is_speed: True if the time falls with the parameter.
+    """
+
+    name: str
+    steps: tuple[str, ...]
+    parameter: str
+    is_speed: bool = False
+
+
+MOTIONS: Final = (
+    ChangedMotion("slide in and out", ("slide in", "slide out"), "slide.throttle_conductance_m3_s_pa", is_speed=True),
+    ChangedMotion("lift down", ("lift down", "lift down empty"), "lift.extend_conductance_m3_s_pa", is_speed=True),
+    ChangedMotion("lift up", ("lift up", "lift up empty"), "lift.retract_conductance_m3_s_pa", is_speed=True),
+    ChangedMotion("spread and converge", ("spread", "converge"), "spreader.emf_v_s_m"),
+    ChangedMotion("tray out and in", ("tray out", "tray creep"), "conveyor.speed_m_s", is_speed=True),
+    ChangedMotion("settle at row", ("settle at row",), "program.settle"),
+    ChangedMotion("clamp", ("clamp",), "program.clamp"),
+    ChangedMotion("pause at feed", ("pause at feed",), "program.pause_at_feed"),
+    ChangedMotion("release", ("release",), "program.release"),
+)
+"""Motions of an arm and of the tray feeder; their waits, and the release delay, follow from these and from the cups."""
+
+
+@dataclass(frozen=True)
+class MotionGain:
+    """Effect of a changed time of a motion.
+
+    Attributes:
+        motion: The motion.
+        base_s: Time of its steps on the unchanged machine, each step once, s.
+        changed_s: The same on the changed machine, s.
+        value: Value of the parameter, in its unit or in counts of the program.
+        margin_s: Change of the smallest margin of the observed rounds at the limit of the unchanged machine, s.
+        scan: Condition that no trial has a gap, around that limit.
+        base_limit_per_min: Limit of the unchanged machine, 1/min.
+    """
+
+    motion: ChangedMotion
+    base_s: float
+    changed_s: float
+    value: float
+    margin_s: float
+    scan: ConditionScan
+    base_limit_per_min: int
+
+    @property
+    def gained_per_min(self) -> int | None:
+        """Change of the limit, 1/min; None if the lowest scanned frequency has a gap."""
+        limit = self.scan.limit
+        return None if limit is None else limit - self.base_limit_per_min
+
+
+def planned_runs(trials: int) -> int:
+    """Return an upper estimate of the number of runs of `motion_gains` for a number of trials at each frequency."""
+    changed = len(CHANGES) * len(MOTIONS)
+    return 1 + changed * (_ROUNDS + trials * (REACH_BACK_PER_MIN + 1 + REACH_PER_MIN))
+
+
+def motion_gains(options: RunOptions, limit_per_min: int) -> list[MotionGain]:
+    """Change the time of one motion after the other, and scan the frequencies around the limit again.
+
+    The parameter of a motion is adapted until the time measured on the twin has changed as wanted. All machines run
+    with the same seeds as the unchanged one, so that only the motion differs.
+
+    Args:
+        options: Run options, with the machine.
+        limit_per_min: Highest frequency of the unchanged machine up to which no trial has a gap.
+    """
+    (base,) = _observe(options, [setting_at(limit_per_min)])
+    changed = [(motion, change) for motion in MOTIONS for change in CHANGES]
+    values, observed = _adapted(options, base, changed)
+    settings = [
+        (frequency, _setting(frequency, motion, value))
+        for (motion, change), value in zip(changed, values, strict=True)
+        for frequency in _window(limit_per_min, change)
+    ]
+    reports = iter(options.run_indexed(settings))
+    return [
+        MotionGain(
+            motion,
+            base_s=_time_s(base.timeline, motion),
+            changed_s=_time_s(run.timeline, motion),
+            value=value,
+            margin_s=_least_margin_s(run) - _least_margin_s(base),
+            scan=ConditionScan(
+                motion.name,
+                {each: _is_free_of_gaps(next(reports)) for each in _window(limit_per_min, change)},
+            ),
+            base_limit_per_min=limit_per_min,
+        )
+        for (motion, change), value, run in zip(changed, values, observed, strict=True)
+    ]
+
+
+def _window(limit_per_min: int, change: float) -> range:
+    """Return the frequencies to scan with a changed time of a motion, 1/min; a shorter time raises the limit."""
+    below, above = (REACH_BACK_PER_MIN, REACH_PER_MIN) if change < 0 else (REACH_PER_MIN, REACH_BACK_PER_MIN)
+    return range(max(SLOWEST_PER_MIN, limit_per_min - below), min(FASTEST_PER_MIN, limit_per_min + above) + 1)
+
+
+def _is_free_of_gaps(trials: Sequence[TrialReport]) -> bool:
+    return not any(trial.missed_cups or trial.reason for trial in trials)
+
+
+def _adapted(
+    options: RunOptions, base: Observed, changed: Sequence[tuple[ChangedMotion, float]]
+) -> tuple[list[float], list[Observed]]:
+    """Return the value of the parameter for each changed motion, and a run with it.
+
+    The time is taken as a power of the parameter, whose exponent follows from the previous run. Set-points are set to
+    the nearest count.
+    """
+    frequency = round(base.setting.values["cups.planting_frequency_per_min"])
+    defaults = [_default(motion.parameter, options.machine) for motion, _ in changed]
+    exponents = [-1.0 if motion.is_speed else 1.0 for motion, _ in changed]
+    factors = [(1 + change) ** (1 / power) for (_, change), power in zip(changed, exponents, strict=True)]
+    values, runs = list(defaults), [base] * len(changed)
+    pending = list(range(len(changed)))
+    for _ in range(_ROUNDS):
+        for index in pending:
+            motion = changed[index][0]
+            value = defaults[index] * factors[index]
+            values[index] = float(round(value)) if motion.parameter.startswith(_PROGRAM) else value
+        settings = [_setting(frequency, changed[index][0], values[index]) for index in pending]
+        for index, run in zip(pending, _observe(options, settings), strict=True):
+            runs[index] = run
+        pending = [index for index in pending if not _is_close(base, runs[index], *changed[index])]
+        for index in pending:
+            motion, change = changed[index]
+            ratio = _time_s(runs[index].timeline, motion) / _time_s(base.timeline, motion)
+            if ratio != 1.0:
+                exponents[index] = math.log(ratio) / math.log(factors[index])
+            factors[index] = (1 + change) ** (1 / exponents[index])
+    return values, runs
+
+
+def _is_close(base: Observed, run: Observed, motion: ChangedMotion, change: float) -> bool:
+    if motion.parameter.startswith(_PROGRAM):
+        return True
+    return abs(_time_s(run.timeline, motion) / _time_s(base.timeline, motion) - 1 - change) <= _CLOSE
+
+
+def _observe(options: RunOptions, settings: Iterable[FactorSetting]) -> list[Observed]:
+    seed = trial_seed(options.seed, 0, 0)
+    jobs = [partial(observe, each, seed, machine=options.machine, io_map=options.io_map) for each in settings]
+    return spread(jobs, options.workers, options.progress)
+
+
+def _setting(frequency_per_min: int, motion: ChangedMotion, value: float) -> FactorSetting:
+    return FactorSetting({**setting_at(frequency_per_min).values, motion.parameter: value})
+
+
+def _default(name: str, machine: Machine) -> float:
+    """Return the value of a parameter of the machine or of a set-point."""
+    if name.startswith(_PROGRAM):
+        set_points = SetPoints()
+        return float(dict(set_points.defaults)[getattr(set_points, name.removeprefix(_PROGRAM))])
+    return float(reduce(getattr, name.split("."), machine))  # type: ignore[arg-type]
+
+
+def _time_s(timeline: Timeline, motion: ChangedMotion) -> float:
+    """Return the sum of the mean times of the steps of a motion, s."""
+    times_ms: Mapping[str, list[int]] = {name: [] for name in motion.steps}
+    for intervals in timeline.intervals.values():
+        for each in intervals[:-1]:  # the last one may not have ended
+            name = motion_of(each.sequence, each.step).name
+            if name in times_ms:
+                times_ms[name].append(each.to_ms - each.from_ms)
+    return sum(fmean(each) for each in times_ms.values() if each) / 1000
+
+
+def _least_margin_s(run: Observed) -> float:
+    margins_ms = [each.margin_ms for rounds in run.rounds.values() for each in rounds]
+    return min(margins_ms, default=math.nan) / 1000
