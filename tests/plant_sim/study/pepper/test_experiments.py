@@ -638,7 +638,9 @@ def test_the_complete_orthogonal_test_finds_the_optimum_of_the_paper(capsys: pyt
     record = run_json(capsys, "pepper-rsm")
     off = np.abs(np.subtract(record["optimum"]["natural"], record["paper_optimum"]["natural"]))
     assert (off < (1.0, 2.0, 0.03)).all()
-    assert record["twin"]["r2"] > 0.9
+    assert record["twin"]["r2"] > 0.8, "of single trials, whose scatter the model does not explain"
+    low, high = record["twin"]["dispersion"]["interval_95"]
+    assert low < 1 < high, "the seedlings of the twin are independent"
 
 
 @pytest.mark.nightly
