@@ -12,9 +12,10 @@ from scipy import special, stats
 
 from plant_sim.common.polynomial import Polynomial, model_matrix
 from plant_sim.study.doe.design import central_composite
+from plant_sim.study.doe.dispersion import Dispersion
 from plant_sim.study.doe.irls import Link
 from plant_sim.study.doe.regression import point_numbers, terms
-from plant_sim.study.doe.weighted import Dispersion, WeightedFit, weighted_fit
+from plant_sim.study.doe.weighted import WeightedFit, weighted_fit
 from plant_sim.study.errors import StudyError
 
 Array = NDArray[np.float64]
