@@ -3,6 +3,7 @@ comparison of the mark `real_time` with the processes of each test.
 """
 
 import gc
+import os
 import signal
 from collections.abc import Generator
 from functools import cache
@@ -15,6 +16,7 @@ from _pytest.doctest import DoctestModule
 from hypothesis import settings
 
 from controller.program.tags import SIDES
+from plant_sim.__main__ import ONE_THREAD
 from plant_sim.twin.lock_step import Twin
 from tests.paths import ROOT
 from tests.real_time import ProcessWatch
@@ -45,7 +47,10 @@ def pytest_configure(config: pytest.Config) -> None:
     starts do.
 
     The number of Hypothesis examples depends on whether nightly tests are selected.
+
+    The workers, which occupy all processors, calculate with matrices in one thread each, as the commands do.
     """
+    os.environ.setdefault(*ONE_THREAD)
     gc.set_threshold(GC_ALLOCATIONS)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # inherited from a shell without job control
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -283,4 +283,10 @@ def _block_code(block: Block, edges: Iterator[int], index: Iterator[int]) -> Cod
     lists = [name for name in _LISTS if f"{name}[" in body]
     triggers = dict.fromkeys(re.findall(r"\btransfer_\w+(?=\()", body))
     arguments = ", ".join(["tick_100", "tick_10", "tick_1", *(f"{name}={name}" for name in (*lists, *triggers))])
-    return compile(f"def block({arguments}):\n{body}\n", f"<block {block.title}>", "exec")
+    return _compiled(f"def block({arguments}):\n{body}\n", f"<block {block.title}>")
+
+
+@lru_cache(maxsize=256)
+def _compiled(source: str, name: str) -> CodeType:
+    """Return the code object of a source text; programs of similar I/O maps have most blocks in common."""
+    return compile(source, name, "exec")

@@ -87,7 +87,15 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
     short = shared(program)
     used = {device.number for device in short.devices() if device.kind == "M"}
     free = (number for number in RELAYS if number not in used)
-    return _ListWriter(divided(short, free, _lines, MOST_LINES), pulses, next(free)).ladder()
+    return _ListWriter(divided(short, free, _lines, MOST_LINES), pulses).ladder(DeviceOperand("M", next(free)))
+
+
+def program_ladder(program: Program) -> Ladder:
+    """Return the rungs and steps of a program as the soft PLC executes them, with its devices and those of `SCRATCH`.
+
+    There are no auxiliary relays, no initial values and no scan supervision. The list need not fit an FX2N.
+    """
+    return _ListWriter(program, None).rungs()
 
 
 def _lines(condition: Expr) -> int:
@@ -188,27 +196,31 @@ def _word(operand: Word | int) -> Operand:
 
 
 class _ListWriter:
-    def __init__(self, program: Program, pulses: PulseTrain | None, tripped: int) -> None:
+    def __init__(self, program: Program, pulses: PulseTrain | None) -> None:
         self._program = program
         self._pulses = pulses
-        self._tripped = DeviceOperand("M", tripped)
         relays = {each.name: each.number for each in program.devices() if each.kind == "M"}
         self._fault, self._lost = relays.get(SCAN_FAULT), relays.get(MEMORY_LOST)
         self._list: list[Instruction] = []
         self._titles: dict[int, str] = {}
 
-    def ladder(self) -> Ladder:
+    def ladder(self, tripped: DeviceOperand) -> Ladder:
+        used = {(device.kind, device.number) for device in self._program.devices()}
+        done = next(n for n in RETENTIVE["M"][0] if n >= FIXED_LATCH and ("M", n) not in used)
+        self._first_values(done)
+        supervision = self._supervise_scans(tripped)
+        ladder = self.rungs()
+        comments = {f"M{done}": "initial values have been written"} | supervision | ladder.comments
+        return replace(ladder, comments=comments)
+
+    def rungs(self) -> Ladder:
         used = {(device.kind, device.number) for device in self._program.devices()}
         if not used.isdisjoint(("D", number) for number in SCRATCH):
             raise LadderError(f"D{SCRATCH[0]} to D{SCRATCH[-1]} are reserved for the export; use other registers")
-        done = next(n for n in RETENTIVE["M"][0] if n >= FIXED_LATCH and ("M", n) not in used)
-        self._first_values(done)
-        supervision = self._supervise_scans()
         for block in self._program.blocks:
             self._block(block)
         self._list.append(Instruction("END"))
-        comments = {f"M{done}": "initial values have been written"} | supervision | self._comments()
-        return Ladder(tuple(self._list), self._titles, comments, self._program.name)
+        return Ladder(tuple(self._list), self._titles, self._comments(), self._program.name)
 
     def _comments(self) -> dict[str, str]:
         return {str(device): device.name for device in self._program.devices() if device.name}
@@ -262,13 +274,13 @@ class _ListWriter:
             if used:
                 yield Instruction("ZRST", (DeviceOperand(kind, min(used)), DeviceOperand(kind, max(used))))
 
-    def _supervise_scans(self) -> dict[str, str]:
+    def _supervise_scans(self, tripped: DeviceOperand) -> dict[str, str]:
         """Write the supervision of the scan time, if the program has a relay for it; return its comments."""
         if self._fault is None:
             return {}
         self._titles[len(self._list)] = SUPERVISION
-        self._list += scan_supervision(DeviceOperand("M", self._fault), self._tripped)
-        return {str(self._tripped): "scans too long", str(COUNTER): "scans in this second"}
+        self._list += scan_supervision(DeviceOperand("M", self._fault), tripped)
+        return {str(tripped): "scans too long", str(COUNTER): "scans in this second"}
 
     def _block(self, block: Block) -> None:
         self._titles[len(self._list)] = block.title

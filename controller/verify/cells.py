@@ -28,6 +28,9 @@ from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, 
 from controller.core.program import Program
 from controller.core.rungs import Count, Pulse, PulseFalling
 
+# Z3 itself checks the sorts of all terms; the same checks in its Python layer take a sixth of the time of a proof.
+z3.z3.Z3_DEBUG = False
+
 BIT_KINDS: Final = ("X", "Y", "M", "S", "T", "C", "CE", "E")
 STOPPED: Final = -1
 """Start tick of a stopped timer."""

@@ -30,6 +30,11 @@ COMMAND_LINE = CommandLine(
         "trial": CommandEntry(
             "run the paper's trial in lock step", "plant_sim.cli.trial", options="plant_sim.cli.options.trial"
         ),
+        "debug": CommandEntry(
+            "record a trial, go back in it, search it, and run on with a change",
+            "plant_sim.cli.debug",
+            options="plant_sim.cli.options.debug",
+        ),
         "hil": CommandEntry(
             "judge any controller on the simulated plant", "plant_sim.cli.hil", options="plant_sim.cli.options.hil"
         ),

@@ -134,6 +134,11 @@ class Sensor:
         return bool(self._state["output"]) if forced < 0 else forced == 1
 
     @property
+    def detected(self) -> bool:
+        """Level that the sensor detects, whatever its output is."""
+        return bool(self._state["detected"])
+
+    @property
     def stuck(self) -> bool | None:
         """Level at which the output is stuck; None if it is not stuck."""
         forced = int(self._params["forced"])

@@ -53,6 +53,11 @@ class FaultSchedule(Saved):
         """Active faults in the order of activation."""
         return [each.fault for each in self._active]
 
+    @property
+    def listed(self) -> tuple[Fault, ...]:
+        """Active faults in the order of activation, then the scheduled ones."""
+        return (*self.active, *self._pending)
+
     def add(self, fault: Fault) -> None:
         """Schedule another fault; if it is due, it is activated immediately.
 

@@ -162,7 +162,7 @@ class Plant(Saved):
         """Return the complete state of the machine."""
         return (
             super().save(),
-            [array.copy() for array in self._bytes],
+            [array.tobytes() for array in self._bytes],
             [part.save() for part in self._parts],
             [sensor.save() for sensor in self._plain_sensors],
             self.broken_wires.copy(),
@@ -175,7 +175,7 @@ class Plant(Saved):
         super().restore(own)
         events[:], self.events = self.events, events
         for array, values in zip(self._bytes, arrays, strict=True):
-            array[:] = values
+            array[:] = np.frombuffer(values, np.uint8)
         for part, state in zip(self._parts, parts, strict=True):
             part.restore(state)
         for sensor, state in zip(self._plain_sensors, sensors, strict=True):

@@ -25,6 +25,7 @@ class Terminals:
         wired: Tags of the wired inputs.
         optional: Tags of the wired inputs that a machine can run without.
         broken_wires: Tags of the inputs whose terminals are off regardless of their sensors.
+        bridged: Levels by X number that are applied to terminals in place of their wires, in order to try something.
     """
 
     def __init__(self, io_map: IoMap, sensors: Mapping[str, Sensor], box: OperatorBox) -> None:
@@ -50,6 +51,7 @@ class Terminals:
         self.wired = tuple(self._number_of)
         self.optional = frozenset(point.tag for point in io_map.inputs if point.optional)
         self.broken_wires: set[str] = set()
+        self.bridged: dict[int, bool] = {}
         self._box = box
         self._buttons = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in BUTTONS if tag in io_map]
         self._contacts = {tag: sensors[tag] for tag in BUTTONS if tag in sensors}
@@ -72,6 +74,8 @@ class Terminals:
             levels[number] = self._pressed(tag) != inverted
         for tag in self.broken_wires:
             levels[self._number_of[tag]] = 0
+        for number, level in self.bridged.items():
+            levels[number] = int(level)
         return levels
 
     def _pressed(self, tag: str) -> bool:
@@ -98,4 +102,6 @@ class Terminals:
             image[number] = sensor.read() != inverted
         for tag in self.broken_wires:
             image[self._number_of[tag]] = False
+        for number, level in self.bridged.items():
+            image[number] = level
         return image

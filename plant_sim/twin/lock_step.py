@@ -30,9 +30,10 @@ from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import check_fit, default_io_map, default_parameters, program_of, set_points_of
 from plant_sim.twin.compiled_run import CompiledRun
 from plant_sim.twin.conditions import Interpreter, check_advances
+from plant_sim.twin.debug.run_recorder import RunRecorder
 from plant_sim.twin.kernel import CHANGE, CONDITION
 from plant_sim.twin.readings import Readings
-from plant_sim.twin.watchers import Watched
+from plant_sim.twin.watchers import Trigger, Watched
 
 SCAN_MS = 10
 INPUT_MS = 100
@@ -75,6 +76,8 @@ class Twin(Watched, Readings):
         machine: The program and its tags.
         runtime: PLC runtime with its field link; replaced at `power_on`.
         events: Events of the controller, in order.
+        releases: Times at which pressed buttons are released, ms.
+        recorder: Recorder of the run; None = none.
     """
 
     def __init__(
@@ -125,8 +128,9 @@ class Twin(Watched, Readings):
         if not misfit:
             check_fit(self.machine, self.parameters, self._set_points)
         self.runtime: Runtime
-        self._releases: dict[str, int] = {}
+        self.releases: dict[str, int] = {}
         self._compiled: CompiledRun | None = None
+        self.recorder: RunRecorder | None = None
         self.power_on()
 
     def power_on(self) -> None:
@@ -159,7 +163,7 @@ class Twin(Watched, Readings):
             tuple(part.save() for part in (*controller[:4], self.plant, self.module, self.clock)),
             (*self.events,),
             self.store.values,
-            dict(self._releases),
+            dict(self.releases),
             self._save_watchers(),
         )
 
@@ -172,23 +176,35 @@ class Twin(Watched, Readings):
             part.restore(state)
         self.events[:] = snapshot.events
         self.store.values = snapshot.retained
-        self._releases = dict(snapshot.releases)
+        self.releases = dict(snapshot.releases)
         if self._restore_watchers(snapshot.watchers) or self._compiled is not compiled:
             self._on_watchers_changed()
 
     def power_cycle(self, off_ms: int = 1_000) -> None:
         """Kill the controller between two scans, and restart it after `off_ms` of plant time."""
+        if self.recorder is not None:
+            self.recorder.switch_off(off_ms)
         self.module.advance(off_ms)
         self.clock.advance(off_ms)
         self.power_on()
+        if self.recorder is not None:
+            self.recorder.switch_on()
 
     def scan(self) -> None:
         """Run one scan, then advance the plant to the next scan."""
+        if self.recorder is None:
+            self._scan()
+        else:
+            self.recorder.begin(self.now_ms + SCAN_MS)
+            self._scan()
+            self.recorder.end()
+
+    def _scan(self) -> None:
         now_ms = self.clock.now_ms()
-        if self._releases:
+        if self.releases:
             self._release_buttons(now_ms)
         self.runtime.tick(now_ms)
-        self._call_watchers(now_ms, self._begun(self._triggers_hold()))
+        self._watch_scan(now_ms, self._begun(self._triggers_hold()))
         self._advance_plant()
 
     def run_for(self, ms: int) -> None:
@@ -238,13 +254,26 @@ class Twin(Watched, Readings):
     def _run(self, until_ms: int, condition: Expr | Callable[[], bool] | None) -> bool:
         """Run until a time; return True as soon as the condition is met after a scan."""
         while self.now_ms < until_ms:
-            if not callable(condition) and self._run_compiled(until_ms, condition):
+            if not callable(condition) and self._run_recorded(until_ms, condition):
                 return True
             if self.now_ms >= until_ms:
                 break
             self.scan()
             if self._is_met(condition):
                 return True
+        return False
+
+    def _run_recorded(self, until_ms: int, condition: Expr | None) -> bool:
+        """Run in machine code as far as possible, and let the recorder look in between."""
+        recorder = self.recorder
+        if recorder is None:
+            return self._run_compiled(until_ms, condition)
+        while self.now_ms < until_ms:
+            since_ms, stop_ms = self.now_ms, recorder.begin(until_ms)
+            met = self._run_compiled(stop_ms, condition)
+            recorder.end()
+            if met or self.now_ms < stop_ms or self.now_ms == since_ms:
+                return met
         return False
 
     def _run_compiled(self, until_ms: int, condition: Expr | None) -> bool:
@@ -254,7 +283,7 @@ class Twin(Watched, Readings):
             return False
         report = True
         while self.now_ms < until_ms and run.serves(self.runtime) and self.runtime.observers == [self._log]:
-            if self._releases:
+            if self.releases:
                 self._release_buttons(self.now_ms)
             stop_ms = self._last_tick_ms(until_ms)
             if stop_ms <= self.now_ms:
@@ -266,7 +295,7 @@ class Twin(Watched, Readings):
             self.clock.advance(now_ms - self.now_ms)
             if reason == CHANGE:
                 self.runtime.notify_observers(now_ms)
-                self._call_watchers(now_ms, run.begun())
+                self._watch_scan(now_ms, run.begun())
                 happenings = self.plant.happenings
                 self._advance_plant()
                 report = self.plant.happenings != happenings
@@ -276,11 +305,18 @@ class Twin(Watched, Readings):
 
     def _last_tick_ms(self, until_ms: int) -> int:
         """Return the end of the last tick that contains no release of a button, periodic action or fault, ms."""
-        stop_ms = min((until_ms, *self._releases.values(), *self._next_action_ms(self.now_ms)))
+        stop_ms = min((until_ms, *self.releases.values(), *self._next_action_ms(self.now_ms)))
         fault_ms = self.plant.faults.next_ms
         if fault_ms is not None:
             stop_ms = min(stop_ms, self.now_ms + fault_ms - self.plant.time_ms)
         return stop_ms - (stop_ms - self.now_ms) % SCAN_MS
+
+    def _watch_scan(self, now_ms: int, begun: Iterable[Trigger]) -> None:
+        """Call the watchers after a scan."""
+        if self.recorder is None:
+            self._call_watchers(now_ms, begun)
+        else:
+            self.recorder.watch(lambda: self._call_watchers(now_ms, begun))
 
     def _advance_plant(self) -> None:
         """Advance the plant to the next scan."""
@@ -316,7 +352,7 @@ class Twin(Watched, Readings):
     def press(self, button: str, for_ms: int = 100) -> None:
         """Press a push button; it is released automatically after `for_ms`."""
         setattr(self.plant.box, button, True)
-        self._releases[button] = self.now_ms + for_ms
+        self.releases[button] = self.now_ms + for_ms
 
     def command(self, name: str) -> None:
         """Issue a command from the command table for one scan."""
@@ -346,7 +382,7 @@ class Twin(Watched, Readings):
         self.run_until_state(State.EXECUTE, within_ms=1_000 + warning_ms(self.machine.tags))
 
     def _release_buttons(self, now_ms: int) -> None:
-        for button, until_ms in list(self._releases.items()):
+        for button, until_ms in list(self.releases.items()):
             if now_ms >= until_ms:
                 setattr(self.plant.box, button, False)
-                del self._releases[button]
+                del self.releases[button]

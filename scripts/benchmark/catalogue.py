@@ -158,6 +158,26 @@ _HISTORY: Final = BenchmarkPart(
         "cycles": BenchmarkFigure("cycles in 8 h"),
     },
 )
+_DEBUGGER: Final = BenchmarkPart(
+    name="debugger",
+    title="Time-travel debugger",
+    explanation="20,000 scans of the machine at work, recorded completely ([guide](debugger.md)). *Memory* is what "
+    "Python has allocated for the run. *Return* is to one of 2,000 random scans. The searches are in vain, so they "
+    "execute all scans again. *Step to the first rung* recomputes a random scan from the ladder of the program.",
+    repetitions=3,
+    measure=lazily("scripts.benchmark.debugger:measure_debugger"),
+    figures={
+        "memory": BenchmarkFigure("memory", "MB", at_most=30),
+        "recording": BenchmarkFigure("recorded run", "s CPU"),
+        "overhead": BenchmarkFigure("recorded run to run without recorder"),
+        "seek": BenchmarkFigure("return to a scan, median", "ms CPU"),
+        "seek_p99": BenchmarkFigure("return to a scan, 99 %", "ms CPU", at_most=5),
+        "seek_longest": BenchmarkFigure("return to a scan, longest", "ms CPU"),
+        "device": BenchmarkFigure("search for a device", "s CPU"),
+        "condition": BenchmarkFigure("search for a position of the plant", "s CPU"),
+        "rung": BenchmarkFigure("step to the first rung, median", "ms CPU"),
+    },
+)
 
 PARTS: Final = (
     _SCAN,
@@ -170,6 +190,7 @@ PARTS: Final = (
     _COMPILATION,
     _ROWS,
     _HISTORY,
+    _DEBUGGER,
     *LIVE_PARTS,
 )
 

@@ -19,6 +19,7 @@ from controller.common.command_line import CommandLine
 from controller.common.extras import EXTRAS, install_command
 from plant_sim.cli.main import COMMAND_LINE as PLANT
 from tests.paths import ROOT
+from tests.project.test_style import tree
 from tests.real_time import COMMAND_S
 from tests.sampling import first_of
 
@@ -197,7 +198,7 @@ def imported_modules() -> Iterator[str]:
     folders = ("scripts/benchmark", *(line.package for line in COMMAND_LINES))
     for path in sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py")):
         text = path.read_text(encoding="utf-8")
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(tree(path)):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom):
                 names = [node.module or ""]

@@ -59,12 +59,15 @@ NOT_RUN_COUNT: Final = 7
 RUN_ELSEWHERE: Final = re.compile(
     r"scripts/test\b|\.venv/bin/python -m controller (prove$|capture record|run --real-time-priority)"
     r"|scripts/bench\b|\.venv/bin/python -m controller prove .*(tray moves while clamped|other outputs)"
-    r"|\.venv/bin/python -m plant_sim (hil program|faults --fault slow_valve:lift )"
+    r"|\.venv/bin/python -m plant_sim (hil program|faults --fault slow_valve:lift )|\S+ -m .* --dap\b"
+    r"|\.venv/bin/python -m tests\.plant_sim\.hil\.score "
 )
 """Commands that are covered elsewhere: `scripts/test` runs this test, test_scenario_guide.py runs the checks of the
 scenario guide, test_prove.py runs the complete proof, test_capture.py the proxy, test_real_time.py the priority, which
 a system may refuse, test_parts.py every part of the benchmark, test_adding_a_device.py the proof of the added output,
-test_adding_a_case.py the added row and the added cases, and test_hil_command.py the bench of the program."""
+test_adding_a_case.py the added row and the added cases, test_hil_command.py the bench of the program,
+tests/plant_sim/hil the score of damages, of which this command takes hours, and test_foreign_client.py the debug
+adapter."""
 PAPERS: Final = {
     f".venv/bin/python -m {command}"
     for paper in get_args(PaperName)
@@ -337,6 +340,7 @@ def check(name: str, commands: list[str], folder: Path, capsys: pytest.CaptureFi
                 json.loads(output)
 
 
+@pytest.mark.timeout(3_600)
 @pytest.mark.parametrize("name", one_in(8, BY_DEFAULT))
 def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(name, BY_DEFAULT[name], folder, capsys)

@@ -21,6 +21,7 @@ import pytest
 from controller.common.extras import EXTRAS
 from tests.machine_code import give_machine_code
 from tests.paths import ROOT
+from tests.real_time import COMMAND_S
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 DIST_INFO = f"seedling_transplanter-{PROJECT['version']}.dist-info"
@@ -38,6 +39,8 @@ DATA = {
     "controller/hmi/panel/static/panel.css",
     "controller/hmi/panel/static/themes.css",
     *(f"controller/hmi/panel/static/foreign/roboto-condensed{end}" for end in ("-400.woff2", ".LICENSE.txt")),
+    "controller/hmi/ladder_page/static/index.html",
+    "controller/hmi/ladder_page/static/main.js",
     "controller/iomap/io_map.yaml",
     "controller/py.typed",
     "plant_sim/machine.yaml",
@@ -96,7 +99,7 @@ class Environment:
 
 
 def run(
-    command: list[str], folder: Path, *, code: int = 0, timeout_s: float = 110, cache: Path | None = None
+    command: list[str], folder: Path, *, code: int = 0, timeout_s: float = COMMAND_S, cache: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Run a command without the environment variables that refer to the checkout."""
     environment = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "NUMBA_CACHE_DIR"}}
@@ -117,20 +120,26 @@ def built(folder: Path, *options: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def distributions(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the wheel built from the checkout."""
+    (wheel,) = built(tmp_path_factory.mktemp("direct"), "--wheel").glob("*.whl")
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def distributions(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Distributions:
     both = built(tmp_path_factory.mktemp("both"))
-    direct = built(tmp_path_factory.mktemp("direct"), "--wheel")
-    (sdist,), (wheel_of_sdist,), (wheel,) = both.glob("*.tar.gz"), both.glob("*.whl"), direct.glob("*.whl")
+    (sdist,), (wheel_of_sdist,) = both.glob("*.tar.gz"), both.glob("*.whl")
     return Distributions(wheel, sdist, wheel_of_sdist)
 
 
 @pytest.fixture
-def environment(distributions: Distributions, tmp_path: Path) -> Iterator[Environment]:
+def environment(wheel: Path, tmp_path: Path) -> Iterator[Environment]:
     """Yield a fresh environment that contains only the wheel."""
     folder = tmp_path / "environment"
     run([sys.executable, "-m", "venv", "--without-pip", str(folder)], tmp_path)
     environment = Environment(folder)
-    environment.pip("install", "--no-deps", "--no-index", str(distributions.wheel))
+    environment.pip("install", "--no-deps", "--no-index", str(wheel))
     yield environment
     shutil.rmtree(folder)
 
@@ -175,8 +184,8 @@ def test_the_source_distribution_builds_the_same_wheel(distributions: Distributi
     assert tracked(*PACKAGES, "tests", "scripts", "docs") <= names
 
 
-def test_the_metadata_is_complete(distributions: Distributions) -> None:
-    text = contents(distributions.wheel)[f"{DIST_INFO}/METADATA"].decode()
+def test_the_metadata_is_complete(wheel: Path) -> None:
+    text = contents(wheel)[f"{DIST_INFO}/METADATA"].decode()
     header = text.partition("\n\n")[0]
     for name in ("Author", "Keywords", "License-Expression", "License-File", "Classifier", "Requires-Python"):
         assert re.search(f"^{name}: .", header, re.MULTILINE), name

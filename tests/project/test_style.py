@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Final
 
@@ -61,7 +61,7 @@ def test_no_docstring_begins_with_a_question_word() -> None:
     found = [
         f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}"
         for path, tree in trees(*SOURCES)
-        for node in ast.walk(tree)
+        for node in chain[ast.AST]([tree], *blocks(tree))
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
         and QUESTION.match((ast.get_docstring(node, clean=False) or "").lstrip())
     ]

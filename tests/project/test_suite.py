@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -109,6 +110,57 @@ def test_the_tests_of_changed_files_run(
     monkeypatch.setattr(suite, "selected", lambda *_: selection)
     assert suite.main(["--changed", "-x"], suite.Tools()) == 0
     assert log.read_text().splitlines() == [*CHECKS, *runs]
+
+
+SLOW = """#!/usr/bin/env bash
+# ends when the tool beside it has begun
+echo mypy >>"{log}"
+read -r <"{meeting}"
+exit "$CODE"
+"""
+BESIDE = """#!/usr/bin/env bash
+echo "$(basename "$0") $*" >>"{log}"
+echo >"{meeting}"
+[[ $CODE == 0 ]] || exec sleep 600
+sleep 0.1 # the next check is later although this one takes longer
+echo warm >>"{log}"
+"""
+
+
+@pytest.fixture
+def slow_types(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Let the type check last until another tool is started; return the log."""
+    meeting = tmp_path / "meeting"
+    os.mkfifo(meeting)
+    for name, text in (("mypy", SLOW), ("python", BESIDE)):
+        tool = tmp_path / "tools" / name
+        tool.write_text(text.format(log=log, meeting=meeting), encoding="utf-8")
+        tool.chmod(0o755)
+    monkeypatch.setattr(suite, "SLOW_S", 0.0)
+    monkeypatch.setenv("CODE", "0")
+    return log
+
+
+def test_the_caches_are_filled_beside_a_slow_type_check(slow_types: Path) -> None:
+    """The next check begins when both have ended."""
+    assert suite.main([], suite.Tools()) == 0
+    lines = slow_types.read_text().splitlines()
+    assert lines[2:6] == ["mypy", "python -m tests.suite.warm_up", "warm", "lint-imports"]
+
+
+def test_a_type_check_that_fails_ends_the_filling_of_the_caches(
+    slow_types: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CODE", "1")
+    assert suite.main([], suite.Tools()) == 1
+    assert slow_types.read_text().splitlines()[2:] == ["mypy", "python -m tests.suite.warm_up"]
+
+
+@pytest.mark.parametrize("arguments", [["tests/controller/core"], ["--nightly", "program"]])
+def test_a_part_of_the_tests_fills_no_caches(log: Path, arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(suite, "SLOW_S", 0.0)
+    assert suite.main(arguments, suite.Tools()) == 0
+    assert not [line for line in log.read_text().splitlines() if "warm_up" in line]
 
 
 BLOCKED = """#!{python}

@@ -22,10 +22,15 @@ from tests.suite.selection import changed_since, selected
 
 USAGE: Final = "scripts/test [--nightly [PART] | --weekly [PART] | --changed [REV]] [options of pytest]"
 ALL: Final = "all"
-CHECKS: Final = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",), ("lint-imports",))
 TOOLS: Final = Path(sys.executable).parent
 SETTINGS: Final = ("-c", "pyproject.toml")
 """Named because pytest looks for its settings at a file that exists among its arguments, such as that of an option."""
+TYPES: Final = ("mypy",)
+"""Check that takes most of the time, on one processor."""
+CHECKS: Final = (("ruff", "check", "."), ("ruff", "format", "--check", "."), TYPES, ("lint-imports",))
+WARM_UP: Final = ("python", "-m", "tests.suite.warm_up")
+SLOW_S: Final = 5.0
+"""Duration of the type check, s, above which the caches of the tests are probably cold or outdated as its own are."""
 WORKERS: Final = ("-n", "3", "--dist", "worksteal")
 """Three workers for two cores: tests wait for processes and browsers during a fifth of the time."""
 ENDING_S: Final = 30
@@ -41,10 +46,12 @@ class Run:
     Attributes:
         title: Line printed before the run; empty for none.
         options: Options and paths for pytest.
+        is_complete: True if all tests of the default run are selected.
     """
 
     title: str
     options: tuple[str, ...]
+    is_complete: bool = False
 
 
 def main(arguments: Sequence[str], tools: Tools) -> int:
@@ -54,8 +61,9 @@ def main(arguments: Sequence[str], tools: Tools) -> int:
     except (PartError, ValueError) as error:
         _say(str(error))
         return INVALID
+    is_complete = any(run.is_complete for run in runs)
     for check in CHECKS:
-        if tools.code(check):
+        if tools.code(check, beside=WARM_UP if is_complete and check == TYPES else None):
             _say(f"{shlex.join(check)} failed")
             return 1
     for run in runs:
@@ -90,7 +98,7 @@ def _runs(options: argparse.Namespace, rest: list[str]) -> list[Run]:
     if options.changed is not None:
         return _changed_runs(options.changed, rest)
     complete = ("-p", "tests.suite.parts", "--enforce-budgets") if not rest else ()
-    return [Run("", ("-p", "tests.suite.budgets", *complete, *rest))]
+    return [Run("", ("-p", "tests.suite.budgets", *complete, *rest), is_complete=not rest)]
 
 
 def _part_run(part: Part, rest: list[str]) -> Run:
@@ -122,8 +130,13 @@ class Tools:
             signal.signal(number, self._interrupt)
         signal.signal(signal.SIGALRM, lambda *_: self._send(signal.SIGKILL))
 
-    def code(self, command: Sequence[str]) -> int:
+    def code(self, command: Sequence[str], beside: Sequence[str] | None = None) -> int:
         """Run a tool to its end; return its exit code.
+
+        Args:
+            command: The tool and its arguments.
+            beside: Another tool, whose result is ignored; it is started when the first has taken `SLOW_S`, and awaited
+                if the first succeeds.
 
         Raises:
             KeyboardInterrupt: This process was interrupted or terminated; the tool and its children have ended.
@@ -132,12 +145,36 @@ class Tools:
             self._group = process.pid
             if self._interrupted:  # while the tool was started
                 self._send(signal.SIGINT)
+            helper = None if beside is None else self._started_beside(process, beside)
             code = process.wait()
+            if helper is not None:
+                if code:
+                    helper.kill()
+                helper.wait()
             if self._interrupted:
                 self._send(signal.SIGKILL)
                 raise KeyboardInterrupt
             self._group = None
         return code
+
+    def _started_beside(
+        self, process: subprocess.Popen[bytes], command: Sequence[str]
+    ) -> subprocess.Popen[bytes] | None:
+        """Start a tool in the process group of another, once that has taken `SLOW_S`; None if it ends before."""
+        try:
+            process.wait(SLOW_S)
+        except subprocess.TimeoutExpired:
+            helper = subprocess.Popen(
+                [TOOLS / command[0], *command[1:]],
+                cwd=ROOT,
+                process_group=process.pid,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            if self._interrupted:  # while it was started
+                self._send(signal.SIGINT)
+            return helper
+        return None
 
     def _interrupt(self, number: int, frame: object) -> None:
         self._interrupted = True

@@ -71,8 +71,15 @@ def is_live(options: argparse.Namespace) -> bool:
         InputError: Neither a stimulus nor a server is requested, or both are.
     """
     serves = options.serve_modbus or options.serve_mc is not None or options.serve_port is not None
-    if serves and (options.stimulus is not None or options.json):
-        raise InputError("--stimulus and --json have no effect on a live program; omit them, or the --serve options")
+    of_a_stimulus = {
+        "--stimulus": options.stimulus is not None,
+        "--json": options.json,
+        "--changes": options.changes,
+        "--picture": options.picture is not None,
+    }
+    given = [name for name, is_given in of_a_stimulus.items() if is_given]
+    if serves and given:
+        raise InputError(f"{' and '.join(given)}: no effect on a live program; omit it, or the --serve options")
     if not serves and options.stimulus is None:
         raise InputError("ladder run: specify --stimulus FILE, or --serve-modbus, --serve-mc or --serve-port")
     return bool(serves)

@@ -183,15 +183,23 @@ class IoMap:
 
     def safe_inputs(self) -> list[bool]:
         """Return the X image to assume while the field link is lost."""
-        return _safe_image(self.inputs, self.input_count)
+        return [*self._safe_inputs]
 
     def safe_outputs(self) -> list[bool]:
         """Return the Y image with all outputs in their safe state."""
+        return [*self._safe_outputs]
+
+    @cached_property
+    def _safe_inputs(self) -> tuple[bool, ...]:
+        return _safe_image(self.inputs, self.input_count)
+
+    @cached_property
+    def _safe_outputs(self) -> tuple[bool, ...]:
         return _safe_image(self.outputs, self.output_count)
 
 
-def _safe_image(points: Iterable[Point], count: int) -> list[bool]:
+def _safe_image(points: Iterable[Point], count: int) -> tuple[bool, ...]:
     image = [False] * count  # terminals without a wire are off
     for point in points:
         image[point.number] = point.level(point.safe)
-    return image
+    return tuple(image)

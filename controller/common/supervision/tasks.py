@@ -78,6 +78,9 @@ TASKS: Final[Mapping[str, TaskKind]] = {
     "browser orders": TaskKind(
         "messages of one browser", Reaction.DROP, "its socket is closed: what it jogs, presses or forces is released"
     ),
+    "ladder page": TaskKind(
+        "translation of the program of a ladder page", Reaction.DROP, "the page shows the rungs without values"
+    ),
     "order": TaskKind("execution of an order", Reaction.DROP, "the browser tells that there is no reply"),
     REQUEST: TaskKind("answer to a page, a login or a list", Reaction.DROP, "status 500"),
     "plant time": TaskKind(

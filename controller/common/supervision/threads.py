@@ -58,6 +58,7 @@ CALLS: Final[Mapping[str, str]] = {
     "history of the panel": "read of a database that may be large or locked",
     "trends of the panel": "read of a database and computation of an answer",
     "trend file": "commit to the disk",
+    "ladder page": "translation of a program, which takes seconds for a large one",
 }
 """All calls in threads of an event loop by name, with what can block; the task that waits is told of an exception."""
 

@@ -14,7 +14,7 @@ FONT_SIZE: Final = 10
 
 _STYLE: Final = (
     "line,polyline,rect,path{stroke:#000;stroke-width:1.2;fill:none}"
-    "rect.band{fill:#e8e8e8}rect.paper{fill:#fff;stroke:none}circle{fill:#000}"
+    "g.grid line{stroke:#bbb;stroke-width:0.6}rect.band{fill:#e8e8e8}rect.paper{fill:#fff;stroke:none}circle{fill:#000}"
     f"text{{font-family:monospace;font-size:{FONT_SIZE}px;fill:#000}}text.note{{fill:#555}}text.title{{font-weight:bold}}"
 )
 
@@ -72,8 +72,16 @@ class SvgPicture:
         yield
         self._parts.append("</g>")
 
-    def svg(self, width: float, height: float, title: str) -> str:
-        """Return the picture as the text of an SVG file."""
+    def title(self, text: str) -> None:
+        """Give the group that is open a text that is shown with the pointer on it."""
+        self._parts.append(f"<title>{_plain(text)}</title>")
+
+    def fragment(self) -> str:
+        """Return the elements of the picture without the file around them."""
+        return "\n".join(self._parts)
+
+    def svg(self, width: float, height: float, title: str, style: str = "") -> str:
+        """Return the picture as the text of an SVG file; `style` is added to its style sheet."""
         size = f'width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}"'
         arrow = (
             '<defs><marker id="arrow" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7"'
@@ -82,7 +90,7 @@ class SvgPicture:
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" {size}>',
             f"<title>{_plain(title)}</title>",
-            f"<style>{_STYLE}</style>",
+            f"<style>{_STYLE}{style}</style>",
             arrow,
             f'<rect class="paper" x="0" y="0" width="{width:g}" height="{height:g}"/>',
         )

@@ -17,6 +17,9 @@ BIT_ROWS: Final = ("X", "Y", "M", "S", "T", "C", "CE", "E", "A", "B", "L")
 without drive) and L (states that a transfer has left in this scan)."""
 WORD_ROWS: Final = ("D", "TV", "TS", "CV", "W")
 """Rows of words: those of `Memory`, and W (registers of the execution)."""
+CONTACT_RECORD, POWER_RECORD, ZONE_RECORD = OBSERVED_ROWS = ("OC", "OP", "OZ")
+"""Rows in which an observed program records, for each instruction when it is executed: the value of its contact, the
+power after it, and whether the master control around it is on."""
 GATES: Final = "N"
 """Row of the levels of master control; each function has its own, all on at its start."""
 STEPS_LEFT, DEPTH, TRANSFERRED = range(3)
@@ -271,6 +274,7 @@ class TranslatedProgram:
         levels: Number of bits in row B.
         cpu: CPU of the program.
         interrupts: Bodies of the interrupt routines.
+        observed: Number of elements in each of `OBSERVED_ROWS`; 0 = the program is not observed.
     """
 
     main: Routine
@@ -283,6 +287,7 @@ class TranslatedProgram:
     levels: int
     cpu: CpuModel = FX2N
     interrupts: tuple[Routine, ...] = ()
+    observed: int = 0
 
     @property
     def routines(self) -> tuple[Routine, ...]:

@@ -1,10 +1,14 @@
-"""Translation of contacts and blocks to the condition of a rung."""
+"""Translation of contacts and blocks to the condition of a rung, and the records of an observed program."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from controller.fx.engine.code import (
+    CONTACT_RECORD,
+    POWER_RECORD,
+    ZONE_RECORD,
     Comparison,
     Condition,
     Conjunction,
@@ -28,6 +32,31 @@ _CONTACTS: Final = {f"{join}{end}": (join, end) for join in JOINS for end in (""
     "ANI": ("AND", "I"),
     "ORI": ("OR", "I"),
 }
+
+_NEXT_RUNG: Final = frozenset(
+    {
+        "LD",
+        "LDI",
+        "LDP",
+        "LDF",
+        "STL",
+        "RET",
+        "MCR",
+        "END",
+        "FEND",
+        "SRET",
+        "IRET",
+        "EI",
+        "DI",
+        "FOR",
+        "NEXT",
+        "P",
+        "I",
+        "MRD",
+        "MPP",
+    }
+)
+"""Instructions that end the current rung."""
 
 
 class Numbering:
@@ -78,11 +107,13 @@ class RungBuilder:
 
     Attributes:
         statements: Statements of the rung.
+        contact: Contact added last; None if the instruction added last is not a contact.
     """
 
     def __init__(self, statements: list[Statement], numbering: Numbering) -> None:
         """Begin a rung whose statements are added to a list."""
         self.statements = statements
+        self.contact: Condition | None = None
         self._numbering = numbering
         self._blocks: list[_Nested] = []
         self._branches: list[LocalVariable] = []
@@ -101,6 +132,7 @@ class RungBuilder:
     def add(self, i: int, instruction: Instruction) -> bool:
         """Add an instruction that changes the condition; return False if it is another one."""
         name, form = instruction.name, FORMS.get(instruction.name)
+        self.contact = None
         if name in _CONTACTS:
             self._contact(i, instruction, *_CONTACTS[name])
         elif form is not None and form.kind.name[-1] in "=<>":
@@ -145,17 +177,21 @@ class RungBuilder:
             edge, pulse = self._numbering.edge(i), LocalVariable(f"p{i}")
             self.statements += [Let(NOW, level), Let(pulse, edge_pulse(edge, falling=end == "F")), Store(edge, NOW)]
             level = pulse
-        self._join(_Nested(Inverse(level)) if end == "I" else _Nested(level), join)
+        self._connect(Inverse(level) if end == "I" else level, join)
 
     def _compare(self, i: int, instruction: Instruction) -> None:
         form = FORMS[instruction.name]
         join = next(join for join in JOINS if form.kind.name.startswith(join))
         left, right = (plain_word(operand, wide=form.wide) for operand in instruction.operands)
         if left is None or right is None:
-            self._join(_Nested(self._numbering.operation(i)), join)
+            self._connect(self._numbering.operation(i), join)
         else:
             relation = RELATIONS[form.kind.name.removeprefix(join)]
-            self._join(_Nested(Comparison(relation, left, right)), join)
+            self._connect(Comparison(relation, left, right), join)
+
+    def _connect(self, contact: Condition, join: str) -> None:
+        self.contact = contact
+        self._join(_Nested(contact), join)
 
     def _join(self, block: _Nested, join: str) -> None:
         if join == "LD":
@@ -174,3 +210,74 @@ class RungBuilder:
 def edge_pulse(edge: RowElement, *, falling: bool) -> Condition:
     """Return the condition that the level `NOW` has risen or fallen since it was stored."""
     return Conjunction(Inverse(NOW), edge) if falling else Conjunction(NOW, Inverse(edge))
+
+
+def are_last_outputs(instructions: Sequence[Instruction]) -> list[bool]:
+    """Return, for each instruction, whether another rung or branch begins after it."""
+    last, following = [False] * len(instructions), "END"
+    for i in reversed(range(len(instructions))):
+        last[i] = (
+            following in _NEXT_RUNG
+            or (following.startswith("LD") and following not in FORMS)
+            or (following in FORMS and FORMS[following].kind.name.startswith("LD"))
+        )
+        if instructions[i].name != "NOP":
+            following = instructions[i].name
+    return last
+
+
+class RungRecorder:
+    """Writer of the statements that record; it writes none for a program that is not observed.
+
+    A contact is recorded at its own position in the rung. A comparison that a Python function executes is recorded from
+    a trial of the function, because the program executes the comparison only if its result is required. A contact of
+    the error relay M8067 after such a comparison in the same rung is therefore recorded as before the comparison.
+
+    Attributes:
+        count: Number of elements in each row of records; 0 = the program is not observed. The trial of the function of
+            instruction i has the index i + `count`.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+
+    def contact(self, i: int, rung: RungBuilder, gates: Iterable[Condition]) -> Iterator[Store]:
+        """Yield the records of a contact or of a connection, which has been added to a rung."""
+        if not self.count or rung.condition is None:
+            return
+        if rung.contact is not None:
+            value = Operation(i + self.count) if isinstance(rung.contact, Operation) else rung.contact
+            yield Store(RowElement(CONTACT_RECORD, i), value)
+        yield from self.power(i, _from_records(rung.condition), gates)
+
+    def power(self, i: int, power: Condition, gates: Iterable[Condition] = ()) -> Iterator[Store]:
+        """Yield the records of the power after an instruction.
+
+        Args:
+            i: Index of the instruction.
+            power: Power without master control.
+            gates: Levels of master control around the instruction.
+        """
+        if not self.count:
+            return
+        zone = None
+        for gate in gates:
+            zone = gate if zone is None else Conjunction(zone, gate)
+        if zone is not None:
+            yield Store(RowElement(ZONE_RECORD, i), zone)
+            power = Conjunction(RowElement(ZONE_RECORD, i), power)
+        yield Store(RowElement(POWER_RECORD, i), power)
+
+
+def _from_records(condition: Condition) -> Condition:
+    """Return a condition that reads the record of each comparison instead of executing it."""
+    match condition:
+        case Operation(i):
+            return RowElement(CONTACT_RECORD, i)
+        case Inverse(operand):
+            return Inverse(_from_records(operand))
+        case Conjunction(left, right):
+            return Conjunction(_from_records(left), _from_records(right))
+        case Disjunction(left, right):
+            return Disjunction(_from_records(left), _from_records(right))
+    return condition

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
-from typing import Protocol
+from typing import Any, Protocol
 
 from controller.core.devices import Memory
 from controller.fx.engine.code import TranslatedProgram
@@ -27,6 +27,12 @@ class FxExecution(Protocol):
     activity: list[bool]
     leaving: list[bool]
     registers: list[int]
+
+    def save(self) -> Any:
+        """Return a copy of the memory that `ObjectState` does not find; None if there is none."""
+
+    def restore(self, saved: Any) -> None:
+        """Restore a copy returned by `save`."""
 
     def link(self, functions: Functions) -> None:
         """Set the functions of the instructions that Python executes."""

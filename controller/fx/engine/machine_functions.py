@@ -73,6 +73,14 @@ class MachineFunctions:
         self._callback = _CALLBACK(self._execute)
         self.registers[CALLBACK] = ctypes.cast(self._callback, ctypes.c_void_p).value or 0
 
+    def save(self) -> bytes:
+        """Return a copy of the memory region."""
+        return bytes(self._region.data)
+
+    def restore(self, saved: bytes) -> None:
+        """Restore a copy returned by `save`."""
+        ctypes.memmove(self._region.data, saved, len(saved))
+
     def link(self, functions: Functions) -> None:
         """Set the functions of the instructions that Python executes."""
         self._functions = functions

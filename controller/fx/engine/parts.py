@@ -20,11 +20,13 @@ class LadderStep:
         number: Index of the step in the list of previously active steps.
         states: States of the step; if there are several (a join), all of them must be on.
         body: Indexes of the instructions.
+        heads: Indexes of the STL instructions.
     """
 
     number: int
     states: tuple[int, ...]
     body: tuple[int, ...]
+    heads: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,7 @@ def steps_of(instructions: tuple[Instruction, ...], body: tuple[Part, ...]) -> i
     total = 0
     for part in body:
         match part:
-            case LadderStep(_, _, indexes):
+            case LadderStep(body=indexes):
                 total += sum(steps(instructions[i]) for i in indexes)
             case Loop(_, inner):
                 total += steps_of(instructions, inner)
@@ -164,10 +166,10 @@ class _PartReader:
 
     def _step(self, start: int, end: int) -> tuple[LadderStep, int]:
         i = start
-        states: list[int] = []
+        heads: list[int] = []
         while i < end and self._list[i].name in ("STL", "NOP"):
             if self._list[i].name == "STL":
-                states.append(number_of(self._list[i]))
+                heads.append(i)
             i += 1
         body: list[int] = []
         while i < end and self._list[i].name not in ("STL", "RET", "NEXT"):
@@ -177,7 +179,8 @@ class _PartReader:
                 body.append(i)
             i += 1
         self._steps += 1
-        return LadderStep(self._steps - 1, tuple(states), tuple(body)), i
+        states = tuple(number_of(self._list[head]) for head in heads)
+        return LadderStep(self._steps - 1, states, tuple(body), tuple(heads)), i
 
     def _check_jumps(self, body: tuple[Part, ...], *, to_end: bool) -> None:
         here = {number_of(self._list[i]) for i in body if isinstance(i, int) and self._list[i].name == "P"}

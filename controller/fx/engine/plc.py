@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence as Rows
 from datetime import datetime, timedelta
-from typing import Final
+from typing import Any, Final
 
+from controller.common.object_state import ObjectState
 from controller.core.devices import (
     ANNUNCIATOR_ON,
     ANNUNCIATORS,
@@ -37,6 +38,11 @@ CLOCK_REGISTERS: Final = 8013
 _STX, _ETX = 0x02, 0x03
 _FAST_TERMINALS: Final = 8
 """Terminals X0 to X7, whose levels matter between two scans."""
+
+_STATEFUL: Final = ("controller.fx.engine", "controller.core.input_filter", "controller.core.devices")
+"""Modules whose objects have state."""
+_STATELESS: Final = frozenset({"FxMachineCode", "Operations"})
+"""Classes of objects without state."""
 
 
 class FxPlc:
@@ -99,6 +105,16 @@ class FxPlc:
         self._last_ms: int | None = None
         self.cpu.latches = self._no_outputs.copy()
         self._first_registers()
+
+    def save(self) -> Any:
+        """Return the complete state, with that of the special function modules and the serial line."""
+        return self.execution.save(), ObjectState(self, _STATEFUL, _STATELESS)
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`; it can be restored several times."""
+        memory, objects = saved
+        objects.restore()
+        self.execution.restore(memory)
 
     @property
     def constant_scan_ms(self) -> int:

@@ -11,6 +11,7 @@ from controller.fx.engine.code import (
     BIT_ROWS,
     EXECUTION_REGISTERS,
     GATES,
+    OBSERVED_ROWS,
     STEPS_LEFT,
     WORD_ROWS,
     Arithmetic,
@@ -49,7 +50,7 @@ from controller.fx.engine.cpu import call_error, watchdog_error
 from controller.fx.engine.execution import Functions
 
 INDENT: Final = "    "
-_ROWS: Final = (*BIT_ROWS, *WORD_ROWS)
+_ROWS: Final = (*BIT_ROWS, *WORD_ROWS, *OBSERVED_ROWS)
 _TICKS: Final = {MS_100: "tick_100", MS_10: "tick_10"}
 _PARAMETERS: Final = ("tick_100", "tick_10", "tick_1")
 
@@ -62,6 +63,7 @@ class PythonFunctions:
         activity: Row A.
         leaving: Row L.
         registers: Row W.
+        records: Rows in which an observed program records; None = the instruction has not been executed.
     """
 
     def __init__(self, program: TranslatedProgram) -> None:
@@ -69,7 +71,13 @@ class PythonFunctions:
         self.activity = [False] * program.steps
         self.leaving = [False] * program.cpu.sizes["S"]
         self.registers = [0] * EXECUTION_REGISTERS
-        rows = {"A": self.activity, "B": [False] * program.levels, "L": self.leaving, "W": self.registers}
+        self.records: dict[str, list[bool | None]] = {row: [None] * program.observed for row in OBSERVED_ROWS}
+        rows = {
+            "A": self.activity,
+            "B": [False] * program.levels,
+            "L": self.leaving,
+            "W": self.registers,
+        } | self.records
         self._space: dict[str, object] = {
             "overdue": _raise_watchdog_error,
             "too_deep": _raise_call_error,
@@ -80,6 +88,12 @@ class PythonFunctions:
             text += f"def {_shared_name(number)}():\n{INDENT}return {_text(condition)}\n"
         exec(compile(text, "<program>", "exec"), self._space)  # noqa: S102 - text of checked instructions
         self._scan = self._space[program.main.name]
+
+    def save(self) -> None:
+        """Return nothing: the rows of the memory are lists."""
+
+    def restore(self, saved: None) -> None:
+        """Restore nothing."""
 
     def link(self, functions: Functions) -> None:
         """Set the functions of the instructions that Python executes."""

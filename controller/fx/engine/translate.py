@@ -14,7 +14,6 @@ covered there:
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Final
 
 from controller.fx.engine.code import (
     GATES,
@@ -24,6 +23,8 @@ from controller.fx.engine.code import (
     Conjunction,
     Label,
     Leave,
+    Let,
+    LocalVariable,
     Network,
     Repetition,
     Routine,
@@ -35,55 +36,35 @@ from controller.fx.engine.code import (
     interrupt_name,
     subroutine_name,
 )
-from controller.fx.engine.conditions import Numbering, RungBuilder
+from controller.fx.engine.conditions import Numbering, RungBuilder, RungRecorder, are_last_outputs
 from controller.fx.engine.outputs import Outputs, active
 from controller.fx.engine.parts import LadderStep, Loop, Part, number_of, parts_of, steps_of
 from controller.fx.language.instruction import Ladder
-from controller.fx.language.instruction_set import FORMS
-
-_NEXT_RUNG: Final = frozenset(
-    {
-        "LD",
-        "LDI",
-        "LDP",
-        "LDF",
-        "STL",
-        "RET",
-        "MCR",
-        "END",
-        "FEND",
-        "SRET",
-        "IRET",
-        "EI",
-        "DI",
-        "FOR",
-        "NEXT",
-        "P",
-        "I",
-        "MRD",
-        "MPP",
-    }
-)
-"""Instructions that end the current rung."""
 
 
-def translate(ladder: Ladder) -> TranslatedProgram:
+def translate(ladder: Ladder, *, observed: bool = False) -> TranslatedProgram:
     """Translate an instruction list.
+
+    Args:
+        ladder: The program.
+        observed: Whether the program also records contacts and power in `OBSERVED_ROWS`; it has the same effect on all
+            other rows.
 
     Raises:
         LadderError: The program contains a part that the engine does not support.
     """
-    return _Translator(ladder).program()
+    return _Translator(ladder, observed=observed).program()
 
 
 class _Translator:
     """Translator of one program."""
 
-    def __init__(self, ladder: Ladder) -> None:
+    def __init__(self, ladder: Ladder, *, observed: bool) -> None:
+        self._recorder = RungRecorder(len(ladder.instructions) if observed else 0)
         self._list = ladder.instructions
         self._cpu = ladder.cpu
         self._block_starts = {self._first_of_block(title) for title in ladder.titles}
-        self._following = self._next_names()
+        self._is_last = are_last_outputs(self._list)
         self._parts = parts_of(ladder)
         self._numbering = Numbering()
         self._outputs = Outputs(self._list, self._parts, self._numbering)
@@ -105,6 +86,7 @@ class _Translator:
             len(used.levels),
             self._cpu,
             tuple(interrupts),
+            self._recorder.count,
         )
 
     # structure
@@ -130,9 +112,11 @@ class _Translator:
                 case LadderStep():
                     yield self._step(part)
                 case Loop():
+                    yield from self._reached(part.at)
                     yield self._loop(part)
                 case _ if separate:
                     yield Label(number_of(self._list[part]))
+                    yield from self._reached(part)
                 case _:
                     indexes.append(part)
                     self._instruction(part, rung, None)
@@ -142,6 +126,11 @@ class _Translator:
     def _network(self, indexes: Sequence[int], statements: Iterable[Statement]) -> Network:
         source = " ".join(str(self._list[i]) for i in indexes)
         return Network(tuple(statements), source, not self._block_starts.isdisjoint(indexes))
+
+    def _reached(self, i: int) -> Iterator[Network]:
+        """Yield, in an observed program, the record that an instruction without power has been executed."""
+        if self._recorder.count:
+            yield Network(tuple(self._recorder.power(i, True, self._gates.values())), "", begins_block=False)
 
     def _loop(self, loop: Loop) -> Repetition:
         self._numbering.operations.add(loop.at)
@@ -156,9 +145,11 @@ class _Translator:
             self._instruction(i, rung, step)
         left: list[Statement] = [Store(was_active, value=False)]
         for i in step.body:
-            left += self._outputs.left(i, step)
+            off = self._outputs.left(i, step)
+            left += [*off, *self._recorder.power(i, False)] if off else ()
         execution = Branch(active(step), tuple(rung.statements), (Branch(was_active, tuple(left)),))
-        return self._network(step.body, [execution])
+        heads = [record for head in step.heads for record in self._recorder.power(head, active(step))]
+        return self._network(step.body, [*heads, execution])
 
     # rungs
 
@@ -171,18 +162,28 @@ class _Translator:
             case "RET":
                 rung.clear()
             case "FEND" | "SRET" | "IRET":  # of the main program, followed by code that a jump can reach
-                rung.statements.append(Leave())
+                rung.statements += [*self._recorder.power(i, True, self._gates.values()), Leave()]
                 rung.clear()
+                return
             case "MCR":
                 level = number_of(instruction)
                 self._gates = {number: gate for number, gate in self._gates.items() if number < level}
                 rung.clear()
-            case _ if not rung.add(i, instruction):
+            case _ if rung.add(i, instruction):
+                rung.statements += self._recorder.contact(i, rung, self._gates.values())
+                return
+            case _:
                 self._output(i, rung, step)
+                return
+        rung.statements += self._recorder.power(i, True, self._gates.values())
 
     def _output(self, i: int, rung: RungBuilder, step: LadderStep | None) -> None:
-        instruction, last = self._list[i], self._is_last_output(i)
+        instruction, last = self._list[i], self._is_last[i]
         power = self._power(rung, last=last)
+        if self._recorder.count:
+            variable = LocalVariable(f"o{i}")
+            rung.statements += [Let(variable, power), *self._recorder.power(i, variable, self._gates.values())]
+            power = variable
         rung.statements += self._outputs.with_power(i, power, step)
         if instruction.name == "MC":
             level = number_of(instruction)
@@ -200,24 +201,6 @@ class _Translator:
             if part is not None:
                 power = part if power is None else Conjunction(power, part)
         return True if power is None else power
-
-    def _is_last_output(self, i: int) -> bool:
-        """Return whether the instruction after an output begins another rung or branch."""
-        following = self._following[i]
-        return (
-            following in _NEXT_RUNG
-            or (following.startswith("LD") and following not in FORMS)
-            or (following in FORMS and FORMS[following].kind.name.startswith("LD"))
-        )
-
-    def _next_names(self) -> list[str]:
-        """Return, for each instruction, the name of the next one that is not NOP."""
-        names, following = [""] * len(self._list), "END"
-        for i in reversed(range(len(self._list))):
-            names[i] = following
-            if self._list[i].name != "NOP":
-                following = self._list[i].name
-        return names
 
     def _first_of_block(self, title: int) -> int:
         """Return the index of the first instruction after a title that is part of a rung or step."""

@@ -26,7 +26,7 @@ from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.fx.language.editor_blocks import CELLS, MOST_LINES, editor_blocks
 from controller.fx.language.high_speed_inputs import input_conflicts
 from controller.fx.language.instruction import DeviceOperand, Digits, Instruction, Ladder
-from controller.fx.language.instruction_set import FORMS, steps
+from controller.fx.language.instruction_set import DRIVEN, FORMS, READ, steps
 from controller.fx.language.operand_rules import Key, covered_devices, device_count
 
 MOST_STEPS: Final = FX2N.most_steps
@@ -244,46 +244,6 @@ def _repeated_steps(ladder: Ladder) -> Iterator[Finding]:
             yield Finding("warning", step.line, text)
 
 
-_READ: Final = frozenset(
-    {
-        "contact",
-        "bit",
-        "source",
-        "source words",
-        "words",
-        "number",
-        "count",
-        "preset",
-        "float",
-        "bit or word",
-        "clock",
-        "C",
-        "S",
-        "T",
-        "X",
-        "D",
-    }
-)
-_DRIVEN: Final = frozenset(
-    {
-        "out",
-        "set",
-        "pulse",
-        "coil",
-        "target",
-        "target words",
-        "bit or target",
-        "clock",
-        "S",
-        "T",
-        "set at once",
-        "direction",
-    }
-)
-"""Operand roles that drive a device. "S", "T" and "clock" are also in `_READ` because their effect depends on the
-instruction."""
-
-
 @dataclass(slots=True)
 class _Usages:
     """Devices that are read, or devices that are driven.
@@ -326,9 +286,9 @@ def _unpaired_devices(ladder: Ladder) -> Iterator[Finding]:
         name, operands = instruction.name, instruction.operands
         places = FORMS[name].kind.operands if name in FORMS else ()
         for n, place in enumerate(places[: len(operands)]):
-            if place in _READ or name == "MC":
+            if place in READ or name == "MC":
                 read.add(instruction, n)
-            if place in _DRIVEN and name != "STL":
+            if place in DRIVEN and name != "STL":
                 driven.add(instruction, n)
         if name == "IST":
             driven.groups.update({(("S", number),): instruction.line for number in range(3)})

@@ -165,13 +165,26 @@ def write_il(ladder: Ladder, *, step_numbers: bool = True) -> str:
         ladder: The program.
         step_numbers: Whether to precede each instruction with its step number in an FX2N.
     """
-    lines = [f"; {device} = {about}" for device, text in sorted(ladder.comments.items()) if (about := one_line(text))]
+    return "".join(f"{line}\n" for line, _ in _list_lines(ladder, step_numbers=step_numbers))
+
+
+def instruction_lines(ladder: Ladder) -> list[int]:
+    """Return, for each instruction, the number of its line in the text of `write_il`, from 1."""
+    lines = enumerate(_list_lines(ladder, step_numbers=True), start=1)
+    return [number for number, (_, is_instruction) in lines if is_instruction]
+
+
+def _list_lines(ladder: Ladder, *, step_numbers: bool) -> Iterator[tuple[str, bool]]:
+    """Yield the lines of the text of a program, and whether each is an instruction."""
+    comments = [
+        f"; {device} = {about}" for device, text in sorted(ladder.comments.items()) if (about := one_line(text))
+    ]
+    yield from ((line, False) for line in comments)
     for index, (step, instruction) in enumerate(numbered(ladder)):
         title = title_lines(ladder, index)
-        if title and lines:
-            lines.append("")
-        lines.extend(f";; {line}" if _device_comment(line)[0] else f"; {line}" for line in title)
+        if title and (comments or index):
+            yield "", False
+        yield from ((f";; {line}" if _device_comment(line)[0] else f"; {line}", False) for line in title)
         number = f"{step:>5} " if step_numbers else ""
         note = one_line(instruction.note)
-        lines.append(f"{number}{instruction}" + (f" ; {note}" if note else ""))
-    return "\n".join(lines) + "\n"
+        yield f"{number}{instruction}" + (f" ; {note}" if note else ""), True

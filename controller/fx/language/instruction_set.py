@@ -61,6 +61,45 @@ OPERAND_KINDS: Final[dict[str, frozenset[str]]] = {
     "P": frozenset({"P"}),
 }
 """Accepted operand kinds by operand role."""
+READ: Final = frozenset(
+    {
+        "contact",
+        "bit",
+        "source",
+        "source words",
+        "words",
+        "number",
+        "count",
+        "preset",
+        "float",
+        "bit or word",
+        "clock",
+        "C",
+        "S",
+        "T",
+        "X",
+        "D",
+    }
+)
+"""Operand roles that read a device."""
+DRIVEN: Final = frozenset(
+    {
+        "out",
+        "set",
+        "pulse",
+        "coil",
+        "target",
+        "target words",
+        "bit or target",
+        "clock",
+        "S",
+        "T",
+        "set at once",
+        "direction",
+    }
+)
+"""Operand roles that drive a device. "S", "T" and "clock" are also in `READ` because their effect depends on the
+instruction."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
 from controller.fx.language.instruction import Instruction, Ladder
 from controller.fx.language.instruction_set import JOINS, RELATIONS
 
-_LOADS: Final = {
+CONTACTS: Final = {
     **{join + end: join for join in JOINS for end in ("", "P", "F")},
     **{join + wide + relation: join for join in JOINS for wide in ("", "D") for relation in RELATIONS},
     "LDI": "LD",
@@ -56,6 +56,14 @@ class Leg:
 
     head: Shape | None = None
     items: list[int | Leg] = field(default_factory=list)
+
+    def outputs(self) -> Iterator[int]:
+        """Yield the indexes of all outputs, from top to bottom."""
+        for item in self.items:
+            if isinstance(item, Leg):
+                yield from item.outputs()
+            else:
+                yield item
 
 
 @dataclass(slots=True)
@@ -117,7 +125,7 @@ class _RungReader:
             self.close()
             self.rungs.append(Rung(at))
             return
-        join = _LOADS.get(name)
+        join = CONTACTS.get(name)
         if join == "LD" and self._leg.items and not self._forks:
             self.close()
         rung = self._open(at)

@@ -27,7 +27,7 @@ from controller.hmi.serving.devices import (
     word_index,
     words_of_counters,
 )
-from controller.hmi.serving.snapshot import Snapshot, Snapshots
+from controller.hmi.serving.snapshot import RELEASE, HeldSnapshot, Snapshot, Snapshots
 from controller.io.forcing import ForcingError
 from controller.io.pace import PaceError
 from controller.io.runtime import Runtime
@@ -88,16 +88,6 @@ class MachineAccess:
         """Return the access of a new communication partner."""
         return MachineSession(self, peer)
 
-    def snapshot(self) -> Snapshot:
-        """Return the memory of the last scan.
-
-        Raises:
-            AccessRefusedError: No scan has been completed yet.
-        """
-        if self.snapshots.latest is None:
-            raise AccessRefusedError(AccessRefusal.NOT_READY)
-        return self.snapshots.latest
-
     def status_words(self, snapshot: Snapshot) -> list[int]:
         """Return the R area, computed once per scan."""
         if self._status_cache is None or self._status_cache[0] is not snapshot:
@@ -146,6 +136,7 @@ class MachineSession:
         self._state = state
         self._peer = peer
         self._name = ""
+        self.snapshot = HeldSnapshot(state.snapshots)
         self._jog: Command | None = None
         self._jog_scan = 0
         self._previous_jog = 0
@@ -181,19 +172,20 @@ class MachineSession:
                 forcing.release_all()
                 self._note("force", "", "ended with the connection")
         self._name = ""  # the next partner on a serial line is another one
+        self.snapshot.request(RELEASE)
 
     def read_bits(self, first: Device, count: int) -> list[bool]:
-        """Return consecutive bits of the last scan."""
+        """Return consecutive bits of the last scan, or of the one that is held."""
         check_bits(first, count)
-        return self._state.snapshot().bits[first.kind][first.number : first.number + count]
+        return self.snapshot.read().bits[first.kind][first.number : first.number + count]
 
     def read_words(self, first: Device, count: int) -> list[int]:
-        """Return consecutive words of the last scan, unsigned."""
+        """Return consecutive words of the last scan, or of the one that is held, unsigned; R is never held."""
         check_words(first, count, status.STATUS_WORDS)
-        snapshot = self._state.snapshot()
         start = first.number
         if first.kind == "R":
-            return self._state.status_words(snapshot)[start : start + count]
+            return self._state.status_words(self.snapshot.latest())[start : start + count]
+        snapshot = self.snapshot.read()
         if first.kind == "CN":
             start = word_index(start)
             return self._state.counter_words(snapshot)[start : start + count]
@@ -205,7 +197,7 @@ class MachineSession:
         if any(device.kind != "M" or device.number not in commands for device, _ in levels):
             values = str([int(level) for _, level in levels])
             raise self.refused(str(levels[0][0]), values, _refusal_of([device for device, _ in levels]))
-        self._state.snapshot()  # a jog needs the last scan: all commands of a request are refused together
+        self.snapshot.latest()  # a jog needs the last scan: all commands of a request are refused together
         orders: list[str] = []
         changes: list[tuple[str, str]] = []
         for device, level in levels:
@@ -268,7 +260,7 @@ class MachineSession:
             orders += self._end_jog()
 
     def _begin_jog(self, command: Command) -> None:
-        snapshot = self._state.snapshot()
+        snapshot = self.snapshot.latest()
         self._jog, self._jog_scan = command, snapshot.scans
         self._previous_jog = snapshot.words["D"][self._state.runtime.machine.tags.machine.jog.number]
 
@@ -287,7 +279,7 @@ class MachineSession:
         """
         if self._state.jogger is not self:
             return False
-        snapshot = self._state.snapshot()
+        snapshot = self.snapshot.latest()  # never the one that is held: the jog must end
         if snapshot.scans < self._jog_scan + _TAKES_EFFECT:
             return True
         tags = self._state.runtime.machine.tags

@@ -24,7 +24,7 @@ from controller.hmi.serving.devices import (
     word_index,
     words_of_counters,
 )
-from controller.hmi.serving.snapshot import Snapshot, snapshot_of
+from controller.hmi.serving.snapshot import RELEASE, HeldSnapshot, Snapshots, snapshot_of
 from controller.io.pace import Pace
 from controller.io.scan_writes import ScanWrites
 
@@ -39,7 +39,7 @@ class LivePlc:
 
     Attributes:
         plc: Simulated PLC.
-        latest: Memory after the last scan; None before the first.
+        snapshots: Memory after the last two scans.
         writes: Writes of all partners.
     """
 
@@ -50,7 +50,7 @@ class LivePlc:
             plc: Simulated PLC.
         """
         self.plc = plc
-        self.latest: Snapshot | None = None
+        self.snapshots = Snapshots()
         self._levels = [False] * SIZES["X"]
         self._scanned_ms = 0
         self.writes = ScanWrites()
@@ -75,7 +75,7 @@ class LivePlc:
         latest = snapshot_of(self.plc.memory, now_ms, self.plc.scans)
         if not self.plc.running:
             latest.bits["M"][RUN_MONITOR : RUN_MONITOR + len(_STOPPED)] = _STOPPED
-        self.latest = latest
+        self.snapshots.add(latest)
         self.writes.settle()
 
     def put_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
@@ -107,6 +107,7 @@ class LiveSession:
         """
         self._live = live
         self._cpu = live.plc.ladder.cpu
+        self.snapshot = HeldSnapshot(live.snapshots)
 
     @property
     def is_running(self) -> bool:
@@ -117,17 +118,18 @@ class LiveSession:
         """Do nothing: the program does not wait for its partners."""
 
     def on_disconnect(self) -> None:
-        """Do nothing: written values remain."""
+        """Read the last scan again; written values remain."""
+        self.snapshot.request(RELEASE)
 
     def read_bits(self, first: Device, count: int) -> list[bool]:
-        """Return consecutive bits of the last scan."""
+        """Return consecutive bits of the last scan, or of the one that is held."""
         check_bits(first, count, self._cpu)
-        return self._snapshot().bits[first.kind][first.number : first.number + count]
+        return self.snapshot.read().bits[first.kind][first.number : first.number + count]
 
     def read_words(self, first: Device, count: int) -> list[int]:
-        """Return consecutive words of the last scan, unsigned."""
+        """Return consecutive words of the last scan, or of the one that is held, unsigned."""
         check_words(first, count, cpu=self._cpu)
-        words, start = self._snapshot().words[first.kind], first.number
+        words, start = self.snapshot.read().words[first.kind], first.number
         if first.kind == "CN":
             words, start = words_of_counters(words), word_index(start)
         return [word & 0xFFFF for word in words[start : start + count]]
@@ -162,11 +164,6 @@ class LiveSession:
     def refused(self, _what: str, _value: str, refusal: AccessRefusal) -> AccessRefusedError:
         """Return the error of a refused write; there is no audit log."""
         return AccessRefusedError(refusal)
-
-    def _snapshot(self) -> Snapshot:
-        if self._live.latest is None:
-            raise AccessRefusedError(AccessRefusal.NOT_READY)
-        return self._live.latest
 
 
 def run_live(

@@ -18,6 +18,8 @@ _COILS: Final = {"M": 0x0000, "S": 0x2000, "T": 0x3000, "C": 0x3200, "Y": 0x3300
 _M8000: Final = 0x1E00
 _X: Final = 0x3400
 _REGISTERS: Final = {"D": 0x0000, "R": 0x2140, "TN": 0xA140, "CN": 0xA340}
+HELD_SCAN: Final = 0xA500
+"""First register of the held scan (`HeldSnapshot.words`), behind the devices of the FX3U. The first one is writable."""
 _16_BIT_COUNTERS: Final = 200
 _SPECIAL: Final = 8000
 _RELAYS: Final = 3072

@@ -14,8 +14,9 @@ from pymodbus.constants import ExcCodes
 
 from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
 from controller.common.modbus.requests import ModbusDevice, RequestRefusedError
-from controller.hmi.modbus.fx3u_map import Span, Table, bit_spans, register_spans
+from controller.hmi.modbus.fx3u_map import HELD_SCAN, Span, Table, bit_spans, register_spans
 from controller.hmi.serving.devices import AccessRefusal, AccessRefusedError, DeviceAccess
+from controller.hmi.serving.snapshot import HELD_WORDS
 
 _EXCEPTIONS: Final = {
     AccessRefusal.NOT_READY: ExcCodes.DEVICE_BUSY,
@@ -60,16 +61,18 @@ class HmiSession(ModbusDevice):
         self._access.on_disconnect()
 
     def read_coils(self, first: int, count: int) -> list[bool]:
-        """Return coils of the last scan."""
+        """Return coils of the last scan, or of the one that is held."""
         return self._read_bits("coil", first, count)
 
     def read_inputs(self, first: int, count: int) -> list[bool]:
-        """Return discrete inputs of the last scan, including X."""
+        """Return discrete inputs of the last scan, or of the one that is held, including X."""
         return self._read_bits("discrete", first, count)
 
     def read_holding(self, first: int, count: int) -> list[int]:
-        """Return holding registers of the last scan."""
+        """Return holding registers of the last scan, or of the one that is held."""
         with _translated():
+            if first >= HELD_SCAN and first + count <= HELD_SCAN + HELD_WORDS:
+                return self._access.snapshot.words()[first - HELD_SCAN :][:count]
             span = _span("holding", first, count)
             if span is None:
                 raise AccessRefusedError(AccessRefusal.NO_DEVICE)
@@ -77,7 +80,7 @@ class HmiSession(ModbusDevice):
             return self._access.read_words(device, count + skipped)[skipped:]
 
     def read_input_registers(self, first: int, count: int) -> list[int]:
-        """Return input registers of the last scan; identical to the holding registers."""
+        """Return input registers, which are identical to the holding registers."""
         return self.read_holding(first, count)
 
     async def write_coils(self, first: int, levels: Sequence[bool]) -> None:
@@ -86,8 +89,11 @@ class HmiSession(ModbusDevice):
             await self._access.write_bits([(_bit(first + index), level) for index, level in enumerate(levels)])
 
     async def write_registers(self, first: int, values: Sequence[int]) -> None:
-        """Write consecutive words."""
+        """Write consecutive words, or the request of the held scan."""
         with _translated():
+            if first == HELD_SCAN and len(values) == 1:
+                self._access.snapshot.request(values[0])
+                return
             await self._access.write_words(_word_values(first, values))
 
     def identity(self) -> dict[int, str]:

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
 from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.io.scan_writes import NoScanError, ScanWrite
+
+if TYPE_CHECKING:
+    from controller.hmi.serving.snapshot import HeldSnapshot
 
 BIT_KINDS: Final = frozenset("XYMSTC")
 WORD_KINDS: Final = frozenset({"D", "R", "TN", "CN"})
@@ -56,6 +59,10 @@ class DeviceAccess(Protocol):
     @property
     def has_name(self) -> bool:
         """True if the partner has told the name of its operator."""
+
+    @property
+    def snapshot(self) -> HeldSnapshot:
+        """Snapshot that the partner reads."""
 
     def on_request(self) -> None:
         """Notice that the partner is alive; called before every request."""

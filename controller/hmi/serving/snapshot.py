@@ -1,11 +1,24 @@
-"""Copies of the PLC memory at END of each scan, for readers in other threads."""
+"""Copies of the PLC memory at END of each scan, for readers in other threads.
+
+A partner that reads a whole memory needs several requests, between which scans take place. It can hold one copy, so
+that all its requests refer to the same scan.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from controller.core.devices import Memory
 from controller.core.scan import Plc
+from controller.hmi.serving.devices import AccessRefusal, AccessRefusedError
+
+RELEASE, HOLD = 0, 1
+"""Requests of a partner: read the last scan; hold it. `HOLD` + n reads the n-th scan before the held one."""
+HELD_SCANS: Final = 3
+"""Number of scans that are held together: two before a scan tell what its pulse contacts have seen."""
+HELD_WORDS: Final = 5
+"""Number of words that tell which scan is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +58,80 @@ def snapshot_of(memory: Memory, at_ms: int, scans: int) -> Snapshot:
 
 
 class Snapshots:
-    """Observer of the runtime that takes a snapshot after each scan.
+    """Snapshots of the last scans.
 
     Attributes:
-        latest: Snapshot of the last scan; None before the first scan.
+        last: Up to `HELD_SCANS` snapshots, the last scan first.
     """
 
     def __init__(self) -> None:
-        self.latest: Snapshot | None = None
+        self.last: tuple[Snapshot, ...] = ()
+
+    @property
+    def latest(self) -> Snapshot | None:
+        """Snapshot of the last scan; None before the first one."""
+        return self.last[0] if self.last else None
+
+    def add(self, snapshot: Snapshot) -> None:
+        """Add the snapshot of the last scan; readers see it atomically."""
+        self.last = (snapshot, *self.last)[:HELD_SCANS]
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
-        """Copy the memory; readers see the new copy atomically."""
-        self.latest = snapshot_of(plc.memory, now_ms, plc.scans)
+        """Copy the memory, as an observer of the runtime."""
+        self.add(snapshot_of(plc.memory, now_ms, plc.scans))
+
+
+class HeldSnapshot:
+    """Snapshot that one partner reads: that of the last scan, or the one that it holds."""
+
+    def __init__(self, snapshots: Snapshots) -> None:
+        """Initialise a partner that reads the last scan.
+
+        Args:
+            snapshots: Snapshots of the PLC.
+        """
+        self._snapshots = snapshots
+        self._request = RELEASE
+        self._held: tuple[Snapshot, ...] = ()
+
+    def latest(self) -> Snapshot:
+        """Return the snapshot of the last scan, whichever is held.
+
+        Raises:
+            AccessRefusedError: No scan has been completed yet.
+        """
+        latest = self._snapshots.latest
+        if latest is None:
+            raise AccessRefusedError(AccessRefusal.NOT_READY)
+        return latest
+
+    def read(self) -> Snapshot:
+        """Return the snapshot that the partner reads.
+
+        Raises:
+            AccessRefusedError: No scan has been completed yet.
+        """
+        return self.latest() if self._request == RELEASE else self._held[self._request - HOLD]
+
+    def request(self, value: int) -> None:
+        """Select what the partner reads from now on.
+
+        Args:
+            value: `RELEASE`; `HOLD`, which takes the last scan each time; or `HOLD` + n, less than `HELD_SCANS` more,
+                while a scan is held.
+
+        Raises:
+            AccessRefusedError: There is no such request, no scan is held, or too few scans have been completed.
+        """
+        if not RELEASE <= value < HOLD + HELD_SCANS or (value > HOLD and self._request == RELEASE):
+            raise AccessRefusedError(AccessRefusal.BAD_VALUE)
+        held = {RELEASE: (), HOLD: self._snapshots.last}.get(value, self._held)
+        if value != RELEASE and value - HOLD >= len(held):
+            raise AccessRefusedError(AccessRefusal.NOT_READY)
+        self._request, self._held = value, held
+
+    def words(self) -> list[int]:
+        """Return the request, then number and time of the scan that is read, 32 bits each, low word first."""
+        snapshot = self.read()
+        longs = (snapshot.scans, snapshot.at_ms)
+        return [self._request, *(word for long in longs for word in (long & 0xFFFF, long >> 16 & 0xFFFF))]

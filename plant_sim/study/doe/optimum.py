@@ -18,6 +18,8 @@ from plant_sim.study.errors import StudyError
 _GRID_POINTS = 20_000
 _ROUNDING = 1e-6
 """Tolerance of a bound in the constrained search, in units of the response."""
+_DIFFERENCE = 1e-8
+"""Step of a difference quotient, coded: about the root of the relative rounding error."""
 _DRAWS = 1000
 _DRAWS_SEED = 1
 _MOST_STARTS = 729
@@ -69,10 +71,15 @@ def best(
         raise StudyError(f"optimum: {len(box)} factors; must be at most six")
     sign = -1.0 if maximise else 1.0
 
-    def cost(point: NDArray[np.float64]) -> float:
-        return sign * float(surface.predict(point)[0])
+    upper = np.transpose(box)[1]
 
-    candidates = [optimize.minimize(cost, start, bounds=box, method="L-BFGS-B") for start in starts]
+    def cost_and_slope(point: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """Return the cost and its forward differences, or backward ones at the upper bound, from one prediction."""
+        steps = np.where(point + _DIFFERENCE > upper, -_DIFFERENCE, _DIFFERENCE)
+        cost, *moved = sign * surface.predict(np.vstack([point, point + np.diag(steps)]))
+        return float(cost), (np.array(moved) - cost) / steps
+
+    candidates = [optimize.minimize(cost_and_slope, start, jac=True, bounds=box, method="L-BFGS-B") for start in starts]
     winner = min(candidates, key=lambda result: float(result.fun))
     point = np.asarray(winner.x, dtype=np.float64)
     return point, float(surface.predict(point)[0])

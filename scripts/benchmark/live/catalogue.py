@@ -43,6 +43,24 @@ _LATENESS: Final = BenchmarkPart(
         "views": BenchmarkFigure("views sent to the browsers", "1/s"),
     },
 )
+_LADDER_PAGE: Final = BenchmarkPart(
+    name="ladder-page",
+    title="Scans with a ladder page",
+    explanation="Delay of the start of a scan as in *Lateness of the scans*, alternately without and with a ladder "
+    "page that asks four times a second for the scan as executed, four pairs of 6 s each, with a bare loop beside each "
+    "half.",
+    repetitions=1,
+    measure=lazily("scripts.benchmark.live.ladder_page:measure_ladder_page"),
+    figures={
+        **_late("closed", "scans without the page"),
+        **_late("open", "scans with the page"),
+        "closed_bare_p99": BenchmarkFigure("bare loop beside them without the page, late in 99 % of cases", "ms"),
+        "open_bare_p99": BenchmarkFigure("bare loop beside them with the page, late in 99 % of cases", "ms"),
+        "ratio": BenchmarkFigure("lateness of the scans with the page to that of the bare loop", at_most=1.2),
+        "looks": BenchmarkFigure("scans shown", "1/s"),
+    },
+    by_default=False,
+)
 _MODBUS: Final = BenchmarkPart(
     name="modbus",
     title="Modbus",
@@ -132,4 +150,4 @@ _BUSY_HOST: Final = BenchmarkPart(
     by_default=False,
 )
 
-LIVE_PARTS: Final = (_LATENESS, _MODBUS, _MALFORMED, *_REACTIONS, _BUSY_HOST)
+LIVE_PARTS: Final = (_LATENESS, _LADDER_PAGE, _MODBUS, _MALFORMED, *_REACTIONS, _BUSY_HOST)

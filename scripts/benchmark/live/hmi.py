@@ -58,8 +58,8 @@ def measure_punctuality(
     Raises:
         LiveError: A process failed, or the machine did not reach a required state.
     """
-    with _bare_loop(waits_s) as waiting:
-        bare = _waited(waiting)
+    with bare_loop(waits_s) as waiting:
+        bare = waited(waiting)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
         plant_port, _, hmi_port = stack.enter_context(running_controller(folder, at_work=True))
@@ -75,9 +75,9 @@ def measure_punctuality(
         for each in (*load, watching):
             _read_record(each, START_LIMIT_S)
         threading.Event().wait(SETTLING_S)
-        waiting = stack.enter_context(_bare_loop(loaded_s))
+        waiting = stack.enter_context(bare_loop(loaded_s))
         seconds = measured_seconds(line, loaded_s)
-        beside = _waited(waiting)
+        beside = waited(waiting)
         answers = sum(_read_record(each, START_LIMIT_S)["answers"] for each in load)
         views = _read_record(watching, START_LIMIT_S)["messages"]
     calm = [second for second in seconds if second.stolen_s <= STOLEN_LIMIT_S]
@@ -161,7 +161,7 @@ def running_controller(
     """
     with ExitStack() as stack:
         plant = stack.enter_context(Process("plant", ["plant_sim", "serve", "--port", "0", *real_time]))
-        plant_port = int(_line(plant, START_LIMIT_S).rpartition(":")[2])
+        plant_port = int(line_of(plant, START_LIMIT_S).rpartition(":")[2])
         command = [
             "controller",
             "run",
@@ -239,15 +239,15 @@ def _panel(stack: ExitStack, folder: Path, plant_port: int, hmi_port: int) -> st
         str(tags),
     ]
     panel = stack.enter_context(Process("panel", command))
-    return _line(panel, START_LIMIT_S).removeprefix("panel at ")
+    return line_of(panel, START_LIMIT_S).removeprefix("panel at ")
 
 
-def _bare_loop(for_s: int) -> Process:
+def bare_loop(for_s: int) -> Process:
     """Start a loop that only waits for deadlines."""
     return Process("bare loop", [_LOAD, "waits", str(for_s)])
 
 
-def _waited(waiting: Process) -> Punctuality:
+def waited(waiting: Process) -> Punctuality:
     """Wait until a bare loop has ended, and return its lateness."""
     result = _read_record(waiting, WORK_LIMIT_S)
     return Punctuality.of(result["late"], result["missed"])
@@ -261,11 +261,16 @@ def _until(controller: Process, state: State, limit_s: float) -> None:
 
 
 def _read_record(process: Process, within_s: float) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads(_line(process, within_s))
+    record: dict[str, Any] = json.loads(line_of(process, within_s))
     return record
 
 
-def _line(process: Process, within_s: float) -> str:
+def line_of(process: Process, within_s: float) -> str:
+    """Return the next line of a process.
+
+    Raises:
+        LiveError: The process has ended, or printed none in time.
+    """
     line = process.next_line(within_s)
     if line is None:
         raise LiveError(f"the {process.name} ended with exit code {process.stop()}")

@@ -270,3 +270,31 @@ def test_a_program_that_never_ends_a_scan_is_stopped_by_its_watchdog(
 def is_of_a_table(text: str) -> bool:
     """Return whether a line belongs to a table, whose columns are not divided."""
     return " | " in text or "-+-" in text
+
+
+def test_find_lists_the_places_of_a_device_and_the_rungs_behind_it(
+    program: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert controller(["ladder", "find", str(program), "t0", "--behind", "2"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "T0",
+        "  step     5  rung    1  written  OUT T0 K5",
+        "  step     8  rung    2  read     LD T0",
+        "  behind: rung    1  step     4  LD M0 OUT T0 K5",
+        "  behind: rung    0  step     0  LD X0 OR M0 ANI X1 OUT M0",
+    ]
+    assert controller(["ladder", "find", str(program), "Y7"]) == 1
+    assert capsys.readouterr().out == "Y7: not found\n"
+
+
+def test_find_searches_the_machine_in_both_languages(capsys: pytest.CaptureFixture[str]) -> None:
+    alarm = next(iter(MACHINE.alarms))
+    for text in (alarm.text.message.zh, alarm.text.message.en.upper()):
+        assert controller(["ladder", "find", "--machine", text]) == 0
+        assert capsys.readouterr().out.startswith(f"{alarm.bit}  ")
+
+
+@pytest.mark.parametrize("arguments", [["X1"], ["program.il", "X1", "--machine"]])
+def test_find_takes_a_file_or_the_machine(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert controller(["ladder", "find", *arguments]) == 2
+    assert "either the file of a program or --machine" in capsys.readouterr().err

@@ -16,7 +16,7 @@ import trustme
 
 from controller.hmi.access.status_registers import R_NAME
 from controller.hmi.modbus.endpoint import HmiOptions
-from controller.hmi.panel.modbus.connection import PANEL_NAME, name_words
+from controller.hmi.panel.modbus.naming import PANEL_NAME, name_words
 from controller.hmi.serving.endpoints import ServerError
 from tests.controller.common.modbus_rig import (
     ILLEGAL_ADDRESS,

@@ -14,9 +14,9 @@ from controller.hmi.access.status_registers import STATUS_WORDS
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.machine import build
 from controller.program.operator.commands import Command
 from controller.program.states import Mode, State
+from plant_sim.twin.commissioning import program_of
 from plant_sim.twin.lock_step import Twin
 from tests.controller.common.modbus_rig import (
     ILLEGAL_ADDRESS,
@@ -30,7 +30,7 @@ from tests.controller.common.modbus_rig import (
 from tests.controller.hmi.hmi_rig import READ_D0, HmiRig, read_long, read_words, until, write_word, write_words, written
 from tests.controller.program.modes.hands import change_mode, jog_command, to_manual
 
-MACHINE = build(load_io_map(DEFAULT_IO_MAP))
+MACHINE = program_of(load_io_map(DEFAULT_IO_MAP))
 SP = MACHINE.tags.sp
 COMMANDS = {command.name: command for command in MACHINE.tags.commands}
 FIRST_COMMAND, SET_POINTS_FIRST = 400, 512

@@ -25,10 +25,10 @@ from controller.io.ownership import FREE_MS, RIVAL_MS
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.links.io_module import WatchdogState
 from plant_sim.links.modbus_server import PlantServer
+from plant_sim.twin.commissioning import program_of
 from tests.controller.common.modbus_rig import ALL_OFF, Client, Rig, make_module, read_pdu, write_coil_pdu
 from tests.sampling import first_of
 from tests.wiring import wired
@@ -48,7 +48,7 @@ class Controller:
     """Program on a link to a port, scanned in simulated time."""
 
     def __init__(self, port: int, io_map: IoMap = IO_MAP) -> None:
-        self.machine = build(io_map)
+        self.machine = program_of(io_map)
         self.plc = Plc(self.machine.program)
         self.link = ModbusTcpLink("127.0.0.1", port, io_map, timeout_s=5)
         self.guard = ModbusOutputGuard(self.link, every=EVERY)

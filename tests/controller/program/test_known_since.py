@@ -9,11 +9,10 @@ import pytest
 from controller.common.declarations import DeclarationError
 from controller.common.modbus.io_map import IoMap
 from controller.core.expr import Expr
-from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.known_since import Belief, End, beliefs
-from controller.program.machine import build
 from controller.program.states import Mode, State
 from plant_sim.faults import Fault
+from plant_sim.twin.commissioning import default_io_map, program_of
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import clear, press_emergency_stop
 from tests.controller.program.modes.hands import change_mode
@@ -22,7 +21,7 @@ from tests.plant_sim.twin.twin_rig import ALARM, switched_on, tags_of, until_ste
 from tests.sampling import one_in
 from tests.wiring import wired
 
-MACHINE = build(load_io_map(DEFAULT_IO_MAP))
+MACHINE = program_of(default_io_map())
 TABLE = beliefs(MACHINE.tags)
 CLAMPED = "row between clamping and lifting"
 MOVING = {CLAMPED, "place of lift, slide and belt"}

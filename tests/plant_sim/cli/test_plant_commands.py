@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from controller.common.stop_request import StopRequest
+from plant_sim import __main__ as entry
 from plant_sim.cli.main import main
 from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.scope.store import Recording
@@ -84,3 +87,22 @@ def test_a_trial_with_a_fault_is_recorded_with_it(tmp_path: Path, capsys: pytest
     assert data["time_ms"][-1] == pytest.approx(1_000 * report["simulated_s"], abs=20)
     assert main(["trial", "--trays", "1", "--record", str(path)]) == 2
     assert "already exists" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("given", "threads"), [(None, "1"), ("4", "4")])
+def test_a_command_calculates_in_one_thread_unless_the_user_wants_more(
+    given: str | None, threads: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[str] = []
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", given or "")
+    if given is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+
+    def command(*, stop: StopRequest) -> int:
+        found.append(os.environ["OPENBLAS_NUM_THREADS"])
+        return 0
+
+    monkeypatch.setattr("plant_sim.cli.main.main", command)
+    with StopRequest() as stop:
+        assert entry._main(stop) == 0
+    assert found == [threads]

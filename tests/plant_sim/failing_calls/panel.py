@@ -14,8 +14,8 @@ import pytest
 
 from controller.common.modbus.async_client import ModbusClientError
 from controller.common.modbus.client_requests import ExceptionReplyError
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.modbus.fx3u_map import register_address
-from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.view import trends
 from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trend_periods import TrendPeriod

@@ -17,9 +17,9 @@ from _pytest.mark import ParameterSet
 from controller.common.modbus.io_map import IoMap
 from controller.core.sequence import Step
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.machine import build
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
+from plant_sim.twin.commissioning import program_of
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import begin_homing, clear, operate_manually, overrides, press_emergency_stop
 from tests.plant_sim.twin.twin_rig import MACHINE, arm_of, switched_on, tags_of, until_step
@@ -64,7 +64,7 @@ class Stop(NamedTuple):
 
 def declared_stops() -> list[Stop]:
     """Return every step of every sequence of the program."""
-    machine = build(IO_MAP)
+    machine = program_of(IO_MAP)
     stops: list[Stop] = []
     for side in SIDES:
         stops += [Stop("arm", side, step) for step in machine.cycles[side].steps]

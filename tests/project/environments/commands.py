@@ -27,12 +27,14 @@ class Command:
         arguments: Arguments after the name of the command; ``{here}`` is the absolute path of the folder.
         code: Expected exit code where the folder can be written.
         writes: Files and folders that the command writes; where the folder is read-only, it ends with exit code 2.
+        needs_writable: True if the command, although it writes nothing, ends with exit code 2 in a read-only folder.
         is_service: True if the command runs until it is stopped, here after its first line of output.
     """
 
     arguments: str = ""
     code: int = 0
     writes: frozenset[str] = frozenset()
+    needs_writable: bool = False
     is_service: bool = False
 
 
@@ -45,7 +47,7 @@ def refused(arguments: str) -> Command:
 
 
 COMMANDS: Final = {
-    "controller run": Command("--check --io-map {here}/my_map.yaml"),
+    "controller run": Command("--check --io-map {here}/my_map.yaml", needs_writable=True),  # for its memory
     "controller check-io": refused("--watchdog-ms 100 --tester 王小明 --out {here}/report.md"),
     "controller prove": refused("--short --goal 王小明"),
     "controller replay": refused("{here}/missing.json"),
@@ -55,7 +57,10 @@ COMMANDS: Final = {
     "controller capture replay": refused("{here}/missing.capture"),
     "controller ladder check": Command("{here}/my.il"),
     "controller ladder run": Command("{here}/my.il --stimulus {here}/my.yaml --json"),
+    "controller ladder debug": Command("{here}/my.il --stimulus {here}/my.yaml --dap stdio"),
     "controller ladder draw": writing("pictures", "{here}/my.il --out"),
+    "controller ladder find": Command("{here}/my.il X0"),
+    "controller ladder page": refused("{here}/my.il --connect 5021"),
     "controller ladder export": writing("plain", "--target plain --out"),
     "controller history": Command("{here}/history.sqlite"),
     "controller panel": refused("--controller 127.0.0.1:1 --port 0 --users {here}/my_map.yaml"),
@@ -65,6 +70,7 @@ COMMANDS: Final = {
     "plant_sim connect": refused("fx5u"),
     "plant_sim run": refused("--io-map {here}/missing.yaml"),
     "plant_sim trial": writing("trial.parquet", "--trays 1 --json --record"),
+    "plant_sim debug": Command("--trays 1 --max-s 1 --do show"),
     "plant_sim hil serve": refused("--lock-step-ms 10 --port 0 --io-map {here}/missing.yaml --out {here}/hil"),
     "plant_sim hil connect": refused("fx5u --out {here}/hil"),
     "plant_sim hil program": writing("hil", "--cases fault --only jammed:right.lift --out"),

@@ -172,7 +172,7 @@ def check(case: Case, tmp_path: Path) -> None:
     if place != READ_ONLY:
         outcome = run(command, folder, environment, ())
     else:
-        writes, code = frozenset(), USAGE_ERROR if writes else code
+        writes, code = frozenset(), USAGE_ERROR if writes or entry.needs_writable else code
         capabilities = "-dac_override,-dac_read_search"
         prefix = ("setpriv", f"--bounding-set={capabilities}") if os.getuid() == 0 else ()
         with without_write_permission(folder):

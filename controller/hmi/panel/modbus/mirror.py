@@ -13,8 +13,8 @@ from controller.common.modbus.io_map import IoMap
 from controller.core.clock import Clock
 from controller.core.devices import WORD_MAX, Memory
 from controller.hmi.access.status_registers import R_ALARMS_PEAK, R_LATENESS
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
-from controller.hmi.panel.modbus.connection import ModbusConnection
 
 POLL_MS: Final = 50
 R_LINK_LOST: Final = 4

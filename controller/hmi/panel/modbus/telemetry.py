@@ -20,7 +20,7 @@ from controller.common.errors import InputError
 from controller.common.modbus.async_client import ModbusClientError
 from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.core.clock import Clock
-from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.hmi.modbus.connection import ModbusConnection
 
 POLL_MS: Final = 100
 STALE_MS: Final = 1_000

@@ -18,9 +18,10 @@ from controller.common.modbus.async_client import ConnectionClosedError, ModbusC
 from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.common.supervision.tasks import supervised_task
 from controller.core.clock import Clock
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.modbus.fx3u_map import coil_address
-from controller.hmi.panel.modbus.connection import NAME_ADDRESS, ModbusConnection, name_words
 from controller.hmi.panel.modbus.mirror import Mirror
+from controller.hmi.panel.modbus.naming import NAME_ADDRESS, name_words
 from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.replies import exception_text, reply_text
 from controller.hmi.panel.orders.session import BrowserSession, OrderRefusedError, obstacle_text

@@ -19,9 +19,10 @@ from controller.core.clock import Clock
 from controller.core.expr import Bit, Word
 from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmRefusalError
 from controller.hmi.access import status_registers as status
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.modbus.fx3u_map import coil_address, register_address
-from controller.hmi.panel.modbus.connection import NAME_ADDRESS, ModbusConnection, name_words
 from controller.hmi.panel.modbus.mirror import R_SIMULATED, Mirror
+from controller.hmi.panel.modbus.naming import NAME_ADDRESS, name_words
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders import messages
 from controller.hmi.panel.orders.jog import Jogging

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.applications import Starlette
-from starlette.requests import ClientDisconnect, HTTPConnection, Request
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
-from controller.common.supervision.tasks import REQUEST, supervised_item, supervised_task
+from controller.common.supervision.tasks import supervised_task
 from controller.common.supervision.threads import in_thread
 from controller.core.clock import Clock, utc_ms
 from controller.history.query import HistoryReader, Record, RecordFilter
-from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import Mirror, Poller
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders.jog import Jogging
@@ -38,16 +38,17 @@ from controller.hmi.panel.orders.login import (
     Users,
 )
 from controller.hmi.panel.orders.operator import OrderHandler
-from controller.hmi.panel.orders.replies import level_text
+from controller.hmi.panel.orders.replies import level_text, reply_text
 from controller.hmi.panel.view.describe import describe, public
 from controller.hmi.panel.view.metrics import CONTENT_TYPE, Metrics
 from controller.hmi.panel.view.state import ViewBuilder
 from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trends import KEPT_MS, LEAST_SPAN_MS, MOST_POINTS, Trends
 from controller.hmi.panel.web.answers import body_of, reply, response, whole_number
-from controller.hmi.panel.web.guard import Guard, is_local, peer_of
 from controller.hmi.panel.web.listener import Attendance, PanelListener
 from controller.hmi.panel.web.sockets import BrowserSocket, ViewBroadcaster
+from controller.hmi.web.failures import counting
+from controller.hmi.web.guard import Guard, is_local, peer_of
 from controller.program.machine import Transplanter
 from controller.program.tags import SIDES
 from controller.program.texts.operator import Language
@@ -372,23 +373,10 @@ def application(panel: PanelApplication, names: Iterable[str]) -> ASGIApp:
         Route("/metrics", view(panel.metrics)),
         WebSocketRoute("/ws", panel.socket),
     ]
-    guarded = Guard(_counting(Starlette(routes=routes, lifespan=lifespan)), names)
+    guarded = Guard(counting(Starlette(routes=routes, lifespan=lifespan)), names, reply_text("not served"))
     if panel.listener is None:
         return guarded
     return Attendance(guarded, panel.listener, lambda connection: panel.level(connection) > AccessLevel.VIEW)
-
-
-def _counting(app: ASGIApp) -> ASGIApp:
-    """Return an application that answers unexpected exceptions with status 500, counts them and raises none."""
-
-    async def call(scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan":
-            await app(scope, receive, send)
-            return
-        with supervised_item(REQUEST), suppress(ClientDisconnect):
-            await app(scope, receive, send)
-
-    return call
 
 
 async def _cancel(tasks: Iterable[asyncio.Task[None]]) -> None:

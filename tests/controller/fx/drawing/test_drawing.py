@@ -11,7 +11,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from controller.fx.drawing.ladder import CELL, LONGEST_PAGE, MARGIN, ROW, draw
+from controller.fx.drawing.ladder import LONGEST_PAGE, draw
+from controller.fx.drawing.rung import CELL, MARGIN, ROW
 from controller.fx.drawing.step_chart import charts
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import DeviceOperand, Instruction, Ladder

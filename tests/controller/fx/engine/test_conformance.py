@@ -12,12 +12,12 @@ import yaml
 
 from controller.core.devices import is_32_bit_counter
 from controller.fx.engine.peripherals.peripherals import Peripherals, load_peripherals
-from controller.fx.engine.running import run
-from controller.fx.engine.stimulus import load_stimulus
 from controller.fx.language.cpu_model import CPU_MODELS, CpuModel
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import DeviceOperand, Instruction, Ladder, LadderError
 from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS
+from controller.fx.stimulus.running import run
+from controller.fx.stimulus.stimulus import load_stimulus
 
 FOLDER = Path(__file__).parent / "conformance"
 FILES = sorted(FOLDER.glob("*.yaml"))

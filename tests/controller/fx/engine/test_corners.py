@@ -11,10 +11,10 @@ from controller.fx.drawing.ladder import draw
 from controller.fx.engine import operations
 from controller.fx.engine.cpu import WATCHDOG_ERROR
 from controller.fx.engine.plc import FxPlc
-from controller.fx.engine.running import run
-from controller.fx.engine.stimulus import load_stimulus
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import LadderError
+from controller.fx.stimulus.running import run
+from controller.fx.stimulus.stimulus import load_stimulus
 from tests.sampling import first_of
 
 OFF, ON = [False] * 16, [True] + [False] * 15

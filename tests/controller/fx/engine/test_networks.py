@@ -25,16 +25,25 @@ class Machine:
     Attributes:
         bits: Devices of the networks.
         before: Level at the last execution of each edge instruction, by line.
+        fixed: Values of contacts that are given, by line.
+        contacts: Value of each contact in this scan, by line.
+        powers: Power after each line in this scan, without master control for contacts; only lines in a zone with
+            master control.
     """
 
     bits: dict[str, bool] = field(default_factory=lambda: dict.fromkeys((*INPUTS, *COILS, "M100"), False))
     before: dict[int, bool] = field(default_factory=dict)
+    fixed: dict[int, bool] = field(default_factory=dict)
+    contacts: dict[int, bool] = field(default_factory=dict)
+    powers: dict[int, bool] = field(default_factory=dict)
 
     def scan(self, lines: list[Line], levels: Levels) -> None:
         self.bits.update(zip(INPUTS, levels, strict=True))
         results: list[bool] = []
         branches: list[bool] = []
         gate = True
+        self.contacts.clear()
+        self.powers.clear()
         for at, (name, device) in enumerate(lines):
             match name:
                 case "ANB":
@@ -52,7 +61,8 @@ class Machine:
                 case "MPP":
                     results[-1] = branches.pop()
                 case "MC N0":
-                    gate = self.bits[device] = results[-1]
+                    self.bits[device] = results[-1]
+                    gate = self.bits[device]
                 case "MCR N0":
                     gate = True
                 case "OUT":
@@ -64,13 +74,18 @@ class Machine:
                     self.bits[device] = self._edge(at, gate and results[-1], falling=name == "PLF")
                 case _:
                     self._contact(at, name, device, results)
+            if (gate or name == "MC N0") and name != "MCR N0":
+                self.powers[at] = results[-1]
 
     def _contact(self, at: int, name: str, device: str, results: list[bool]) -> None:
         value = self.bits[device]
-        if name.endswith("I"):
+        if at in self.fixed:
+            value = self.fixed[at]
+        elif name.endswith("I"):
             value = not value
         elif name[-1] in "PF":
             value = self._edge(at, value, falling=name[-1] == "F")
+        self.contacts[at] = value
         if name.startswith("LD"):
             results.append(value)
         elif name.startswith("A"):

@@ -141,8 +141,8 @@ def test_a_timer_interrupt_runs_between_two_scans_of_a_live_program() -> None:
     live = LivePlc(FxPlc(read_il(program), input_filter_ms=0))
     for now_ms in range(0, 1_001, 50):
         live.scan(now_ms)
-    assert live.latest is not None
-    assert live.latest.words["D"][0] == 100
+    assert live.snapshots.latest is not None
+    assert live.snapshots.latest.words["D"][0] == 100
 
 
 @pytest.mark.nightly

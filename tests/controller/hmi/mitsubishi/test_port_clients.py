@@ -21,15 +21,15 @@ from typing import Any
 import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.machine import build
 from controller.program.states import Mode
+from plant_sim.twin.commissioning import program_of
 from plant_sim.twin.process import Process
 from tests.controller.io.test_rtu import Master
 
 SCRIPT = Path(__file__).parent / "node" / "port_exchange.js"
 LIMIT_S = 60.0
 PROGRAM = "LD M10\nMOV D10 D11\nLD M11\nOUT M12\nEND\n"
-MACHINE = build(load_io_map(DEFAULT_IO_MAP))
+MACHINE = program_of(load_io_map(DEFAULT_IO_MAP))
 REFUSED = "NotSupportedCommandError"
 """Error of the client for the answer NAK."""
 

@@ -24,7 +24,7 @@ from slmp.constants import ModuleIONo
 
 from controller.common.mitsubishi.devices import Device
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.machine import build
+from plant_sim.twin.commissioning import program_of
 from plant_sim.twin.process import Process
 from tests.retained import retained
 
@@ -41,7 +41,7 @@ LD M10
 MOV D10 D11
 END
 """
-MACHINE = build(load_io_map(DEFAULT_IO_MAP))
+MACHINE = program_of(load_io_map(DEFAULT_IO_MAP))
 
 
 class Stack(Protocol):

@@ -19,14 +19,14 @@ import uvicorn
 from starlette.types import ASGIApp, Receive, Scope, Send
 from websockets.sync.client import ClientConnection, connect
 
-from controller.cli.panel import server_config
 from controller.common.client_slots import Quota
 from controller.core.clock import MonotonicClock
 from controller.history.query import HistoryReader
 from controller.hmi.access.server import HmiServer
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.modbus.endpoint import HmiOptions
 from controller.hmi.panel.modbus import mirror
-from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.hmi.panel.modbus.naming import INTRODUCTION
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders import operator
 from controller.hmi.panel.orders.login import Cost, Users
@@ -34,6 +34,7 @@ from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trends import MOST_PERIODS
 from controller.hmi.panel.web.app import PanelApplication, Sources, application
 from controller.hmi.panel.web.listener import QUOTA, REQUEST_MS, PanelListener
+from controller.hmi.web.server import server_config
 from controller.io.pace import Pace
 from controller.io.scan_writes import ScanWrite
 from plant_sim.twin.lock_step import Twin
@@ -156,7 +157,7 @@ class PanelRig:
         clock = MonotonicClock()
         sources = Sources(
             self.twin.machine,
-            lambda: ModbusConnection("127.0.0.1", self.port, timeout_s=TIMEOUT_S, is_named=True),
+            lambda: ModbusConnection("127.0.0.1", self.port, timeout_s=TIMEOUT_S, introduction=INTRODUCTION),
             None if telemetry is None else telemetry(clock),
             HistoryReader(folder / "history.sqlite"),
             clock,

@@ -10,7 +10,7 @@ import pytest
 
 from controller.core.clock import SimulatedClock
 from controller.hmi.access.status_registers import STATUS_REGISTERS
-from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
 from controller.hmi.panel.orders.jog import Jogging

@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosedError
 
 from controller.common.supervision.failures import drop, failures
 from controller.history.query import HistoryReader
-from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
 from controller.hmi.panel.orders.operator import OrderHandler

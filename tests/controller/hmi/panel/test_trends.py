@@ -11,7 +11,7 @@ import pytest
 from controller.events.kinds import CycleEvent
 from controller.history.query import HistoryReader
 from controller.history.writer import HistoryWriter
-from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
 from controller.hmi.panel.view.trend_periods import GAP_MS
 from controller.hmi.panel.view.trends import (

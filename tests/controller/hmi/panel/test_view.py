@@ -20,8 +20,8 @@ from controller.core.expr import leaves
 from controller.events.kinds import as_record
 from controller.history.query import RowSelection, open_history
 from controller.history.summary import summary
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus import mirror
-from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import STALE_MS, blocks
 from controller.hmi.panel.modbus.telemetry import TagFileError, Telemetry, load_tags
 from controller.hmi.panel.view.describe import describe

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from controller.core.clock import SimulatedClock
 from controller.history.query import HistoryReader
-from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
 from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trends import MOST_PERIODS, SAMPLE_MS, Trends

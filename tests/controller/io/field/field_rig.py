@@ -17,9 +17,9 @@ from controller.io.output_guard import ModbusOutputGuard
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.machine import build
 from controller.program.states import State
 from controller.program.texts.operator import Language
+from plant_sim.twin.commissioning import program_of
 from tests.controller.common.modbus_rig import make_module
 from tests.controller.io.field.modules import Box
 
@@ -81,7 +81,7 @@ class FieldRig:
         self.boxes = boxes
         self.now_ms = 0
         self.link = DevicesLink(load_field(path, io_map), io_map, now_s=lambda: self.now_ms / 1_000)
-        self.machine = build(io_map)
+        self.machine = program_of(io_map)
         self.plc = Plc(self.machine.program)
         self.guard = ModbusOutputGuard(self.link, every=5)
         self.runtime = Runtime(

@@ -13,13 +13,12 @@ from controller.core.scan import Plc
 from controller.events.kinds import StateEvent
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
-from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.machine import build
 from controller.program.states import Reason, State
+from plant_sim.twin.commissioning import default_io_map, program_of
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from tests.plant_sim.twin.twin_rig import at_work, scan_ms, undisturbed
 
-MACHINE = build(load_io_map(DEFAULT_IO_MAP))
+MACHINE = program_of(default_io_map())
 LIMIT_MS, TIMEOUT_MS = 100, 30
 """Time limit for detecting the loss of the link, and timeout of a request, ms."""
 PANEL_LIMIT_MS = 1_000

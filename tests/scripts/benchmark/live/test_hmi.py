@@ -18,6 +18,7 @@ from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import LiveError, Process
 from scripts.benchmark.live import hmi, hmi_load
 from scripts.benchmark.live.hmi import measure_malformed, measure_punctuality
+from scripts.benchmark.live.ladder_page import measure_ladder_page
 from scripts.benchmark.live.punctuality import Punctuality
 from tests.controller.hmi.hmi_rig import HmiRig, read_long
 
@@ -183,6 +184,16 @@ def test_clients_and_browsers_are_served_by_real_processes() -> None:
     figures = measure_punctuality(1, waits_s=1, quiet_s=1, loaded_s=2)
     assert figures["answers"] > 100
     assert figures["views"] > 1
+
+
+@pytest.mark.nightly
+@pytest.mark.real_time
+def test_scans_with_a_ladder_page_are_measured_beside_a_bare_loop() -> None:
+    """A busy computer delays both; the limit of the ratio is that of the benchmark."""
+    figures = measure_ladder_page(1, rounds=2, round_s=3)
+    assert figures["looks"] > 1
+    others_ms = (figures["open_bare_p99"], figures["closed_bare_p99"], figures["closed_p99"])
+    assert figures["open_p99"] <= 2 * max(others_ms)
 
 
 @pytest.mark.nightly

@@ -32,7 +32,6 @@ from controller.io.pace import FLAT_OUT, REAL_TIME, Pace
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.io.scan_writes import NO_SCAN_LIMIT_S, ScanWrite
-from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.links.io_module import IoModule
@@ -40,7 +39,7 @@ from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.commissioning import set_points_of
+from plant_sim.twin.commissioning import program_of, set_points_of
 from tests.controller.common.modbus_rig import IO_MAP, MACHINE
 
 SCAN_MS = 10
@@ -68,7 +67,7 @@ class LiveMachine:
     def __init__(self, folder: Path, *, trays: int = 1, seed: int = 1) -> None:
         plant = Plant(IO_MAP, MACHINE, seed=seed, trays=trays)
         self.plant = ServerThread(PlantServer(IoModule(plant, IO_MAP), port=0, lock_step_ms=SCAN_MS))
-        self.machine = build(IO_MAP)
+        self.machine = program_of(IO_MAP)
         self.pace = Pace(REAL_TIME)
         self.levels: list[tuple[int, frozenset[str]]] = []
         self._folder = folder
@@ -201,7 +200,8 @@ class LiveMachine:
 PATIENT_PANEL = f"""
 import sys
 from controller.cli.main import main
-from controller.hmi.panel.modbus import connection, mirror
+from controller.hmi.modbus import connection
+from controller.hmi.panel.modbus import mirror
 mirror.STALE_MS *= {PATIENCE}
 connection.ModbusConnection.__init__.__kwdefaults__["timeout_s"] *= {PATIENCE}
 sys.exit(main(sys.argv[1:]))

@@ -15,16 +15,16 @@ from controller.history.query import HistoryReader
 from controller.hmi.panel.view.describe import describe
 from controller.io.pace import PAUSED
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.machine import build
 from controller.program.states import State
 from controller.program.tags import SIDES
 from controller.program.texts.operator import LANGUAGES, STATES, Language, Text
 from plant_sim.faults import parse_fault
+from plant_sim.twin.commissioning import program_of
 from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
 from tests.controller.hmi.panel.page.screen import PAGES, Screen, chromium
 from tests.controller.hmi.panel.text_tables import declared_values
 
-MACHINE = build(load_io_map(DEFAULT_IO_MAP))
+MACHINE = program_of(load_io_map(DEFAULT_IO_MAP))
 COMPOUND: Final = r"[A-Za-z][A-Za-z0-9]*(?:[_.][A-Za-z0-9]+)*[_.][A-Za-z][A-Za-z0-9]*"
 """Names in snake case, and names with dots."""
 DEVICE: Final = r"(?:[Cc]oils?|[Oo]utputs?|[Ss]witch(?:es)?|[Ss]ensors?|[Ss]et-points?|输出|线圈|开关|传感器|设定值) ?"

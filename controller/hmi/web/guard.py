@@ -17,7 +17,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from controller.common.client_slots import is_loopback
-from controller.hmi.panel.orders.replies import reply_text
+from controller.program.texts.operator import Text
 
 POLICY: Final = (
     "default-src 'self'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; object-src 'none'; "
@@ -41,14 +41,16 @@ FORWARDING: Final = frozenset(
 class Guard:
     """ASGI middleware that checks each request and adds the security headers."""
 
-    def __init__(self, app: ASGIApp, names: Iterable[str]) -> None:
+    def __init__(self, app: ASGIApp, names: Iterable[str], refusal: Text) -> None:
         """Initialise the middleware; requests for the listening address are always accepted.
 
         Args:
             app: Application that receives the accepted requests.
-            names: Host names of the panel, without port.
+            names: Host names of the server, without port.
+            refusal: Text of the answer to a refused request.
         """
         self._app = app
+        self._refusal = refusal
         self._names = {name.lower() for name in names} | {"localhost", socket.gethostname().lower()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -61,7 +63,7 @@ class Guard:
             await receive()
             await send({"type": "websocket.close", "code": 1008})
         else:
-            text = reply_text("not served")
+            text = self._refusal
             response = JSONResponse({"ok": False, "text": {"en": text.en, "zh": text.zh}}, status_code=403)
             await response(scope, receive, _with_headers(send))
 

@@ -1,11 +1,10 @@
-"""Modbus TCP connection of the panel: one request at a time, which opens the connection if necessary."""
+"""Modbus TCP connection of a panel: one request at a time, which opens the connection if necessary."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Final
 
 from controller.common.modbus.async_client import AsyncTcpClient, ModbusClientError
 from controller.common.modbus.bits import levels_of
@@ -20,32 +19,23 @@ from controller.common.modbus.client_requests import (
     write_registers,
 )
 from controller.common.modbus.io_map import ModbusTable
-from controller.hmi.access.status_registers import NAME_WORDS, R_NAME
-from controller.hmi.modbus.fx3u_map import register_address
-
-NAME_ADDRESS: Final = register_address("R", R_NAME)
-PANEL_NAME: Final = "panel"
-
-
-def name_words(name: str) -> list[int]:
-    """Return an operator name for the audit log: ASCII, two characters per register, padded with zeros."""
-    text = name.encode("ascii").ljust(2 * NAME_WORDS, b"\0")[: 2 * NAME_WORDS]
-    return [int.from_bytes(text[index : index + 2]) for index in range(0, len(text), 2)]
 
 
 class ModbusConnection:
     """Connection to a Modbus server, opened by the first request; for use in one event loop."""
 
-    def __init__(self, host: str, port: int, *, timeout_s: float = 0.25, is_named: bool = False) -> None:
+    def __init__(
+        self, host: str, port: int, *, timeout_s: float = 0.25, introduction: ModbusRequest | None = None
+    ) -> None:
         """Initialise the connection without opening it.
 
         Args:
             host: Host name or address of the server.
             port: TCP port.
             timeout_s: Timeout of the connection and of each response, s.
-            is_named: True to tell the controller the name of the panel first, for which it has reserved slots.
+            introduction: First request of each connection, whose refusal is ignored; None = none.
         """
-        self._is_named = is_named
+        self._introduction = introduction
         self._client = AsyncTcpClient(host, port, timeout_s=timeout_s)
         self._lock = asyncio.Lock()
 
@@ -120,7 +110,6 @@ class ModbusConnection:
 
     async def _open(self) -> None:
         await self._client.open()
-        if self._is_named:
+        if self._introduction is not None:
             with suppress(ExceptionReplyError):  # a controller without this register
-                introduction = write_registers(NAME_ADDRESS, name_words(PANEL_NAME))
-                introduction.data(await self._client.request(introduction.pdu))
+                self._introduction.data(await self._client.request(self._introduction.pdu))

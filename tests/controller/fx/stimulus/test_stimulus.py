@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from controller.fx.engine.running import run
-from controller.fx.engine.stimulus import Stimulus, StimulusError, WatchedDevice, changes, load_stimulus
 from controller.fx.language.il import read_il
+from controller.fx.stimulus.running import run
+from controller.fx.stimulus.stimulus import Stimulus, StimulusError, WatchedDevice, changes, load_stimulus
 
 GOOD = """\
 scan_ms: 10
@@ -48,7 +48,8 @@ def test_required_and_optional_keys(tmp_path: Path) -> None:
     text = "scan_ms: 1\nscans: 1\nwatch: [X0]\ninput_filter_ms: 20\nabout: this\n"
     assert load(tmp_path, text, "about") == Stimulus(1, 1, {}, (), (WatchedDevice("X", 0),), 20)
     assert errors(tmp_path, text) == [
-        "s.yaml:5: about: unknown key; use one of scan_ms, scans, initial, inputs, pulses, watch, input_filter_ms"
+        "s.yaml:5: about: unknown key; use one of scan_ms, scans, initial, inputs, pulses, watch, input_filter_ms, "
+        "expect"
     ]
 
 

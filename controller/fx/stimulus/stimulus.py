@@ -10,6 +10,10 @@
     pulses:                     # 100 pulses of 1 ms every 2 ms at a terminal
       - {input: X0, from_ms: 5, period_ms: 2, count: 100}
     watch: [Y0, T0, TN0, D0]    # after END of each scan
+    expect:                     # after END of the last scan at or before 40 ms; of each scan; of at least one scan
+      - {at_ms: 40, values: {Y0: 1, D0: 7}}
+      - {from_ms: 20, to_ms: 40, values: {Y1: 0}}
+      - {from_ms: 0, to_ms: 40, reach: {T0: 1}}
     input_filter_ms: 0          # of X0-X17; omitted = all filters off
 
 Devices are X, Y, M, S, T, C, D, V, Z, TN and CN. **T0 and C0 are contacts, 0 or 1; TN0 and CN0 are current values.**
@@ -24,9 +28,9 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple, cast
+from typing import Annotated, Final, NamedTuple, Self, cast
 
-from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, field_validator, model_validator
 
 from controller.common.errors import InputError
 from controller.common.yaml_lines import read_yaml, shown, unfold
@@ -110,6 +114,25 @@ class StimulusPulses:
 
 
 @dataclass(frozen=True, slots=True)
+class ExpectedValues:
+    """Values that a run must show.
+
+    Attributes:
+        where: File and line.
+        from_ms: Start of the span, ms.
+        to_ms: End of the span, ms; the same as the start if the expectation concerns one scan.
+        values: Value of each device.
+        once: True if one scan in the span must show all values, False if each scan must.
+    """
+
+    where: str
+    from_ms: int
+    to_ms: int
+    values: Values
+    once: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Stimulus:
     """Inputs of a program over time, and the devices to watch.
 
@@ -121,6 +144,7 @@ class Stimulus:
         watch: Devices to record after END of each scan.
         input_filter_ms: Filter time of X0-X17, ms; 0 disables all filters.
         pulses: Pulse trains.
+        expect: Values that the run must show.
     """
 
     scan_ms: int
@@ -130,6 +154,7 @@ class Stimulus:
     watch: tuple[WatchedDevice, ...]
     input_filter_ms: int = 0
     pulses: tuple[StimulusPulses, ...] = ()
+    expect: tuple[ExpectedValues, ...] = ()
 
 
 def device_of(name: str, cpu: CpuModel = FX2N) -> WatchedDevice:
@@ -175,6 +200,9 @@ def load_stimulus(path: Path, others: Collection[str] = (), cpu: CpuModel = FX2N
         watch=tuple(dict.fromkeys(file.watch)),
         input_filter_ms=file.input_filter_ms,
         pulses=tuple(StimulusPulses(each.input, each.from_ms, each.period_ms, each.count) for each in file.pulses),
+        expect=tuple(
+            each.expectation(f"{path}:{located.line_of(('expect', index))}") for index, each in enumerate(file.expect)
+        ),
     )
 
 
@@ -235,10 +263,54 @@ class _Change(StrictModel):
     @field_validator("at_ms")
     @classmethod
     def _in_the_run(cls, at_ms: int, info: ValidationInfo) -> int:
-        end_ms = cast("_Context", info.context).end_ms
-        if not 0 <= at_ms <= end_ms:
-            raise ValueError(f"{at_ms} is outside the run; write 0 to {end_ms} (the last scan), or run more scans")
-        return at_ms
+        return _time_of_the_run(at_ms, info)
+
+
+def _time_of_the_run(at_ms: int, info: ValidationInfo) -> int:
+    end_ms = cast("_Context", info.context).end_ms
+    if not 0 <= at_ms <= end_ms:
+        raise ValueError(f"{at_ms} is outside the run; write 0 to {end_ms} (the last scan), or run more scans")
+    return at_ms
+
+
+_EXPECTED: Final = "write devices and values as {Y0: 1, D0: 5}"
+_SPAN: Final = "write - {at_ms: 40, values: {Y0: 1}}, - {from_ms: 0, to_ms: 40, values: ...} or - {..., reach: ...}"
+
+
+class _Expected(StrictModel):
+    """Entry of ``expect``."""
+
+    at_ms: int | None = Field(None, description=_SPAN)
+    from_ms: int | None = Field(None, description=_SPAN)
+    to_ms: int | None = Field(None, description=_SPAN)
+    values: _Settings = Field({}, description=_EXPECTED)
+    reach: _Settings = Field({}, description=_EXPECTED)
+
+    @field_validator("at_ms", "from_ms", "to_ms")
+    @classmethod
+    def _in_the_run(cls, at_ms: int | None, info: ValidationInfo) -> int | None:
+        return None if at_ms is None else _time_of_the_run(at_ms, info)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        times = self.at_ms is not None, self.from_ms is not None, self.to_ms is not None
+        if times not in ((True, False, False), (False, True, True)) or (times[0] and self.reach):
+            raise ValueError(f"is not one scan or one span; {_SPAN}")
+        if bool(self.values) == bool(self.reach):
+            raise ValueError(f"needs either values or reach; {_SPAN}")
+        if self.from_ms is not None and self.to_ms is not None and self.from_ms > self.to_ms:
+            raise ValueError(f"ends at {self.to_ms} ms, before it starts; write to_ms at or after from_ms")
+        return self
+
+    def expectation(self, where: str) -> ExpectedValues:
+        """Return the values that a run must show.
+
+        Args:
+            where: File and line.
+        """
+        from_ms, to_ms = (self.at_ms, self.at_ms) if self.at_ms is not None else (self.from_ms, self.to_ms)
+        values = dict((self.values or self.reach).values())
+        return ExpectedValues(where, from_ms or 0, to_ms or 0, values, once=bool(self.reach))
 
 
 _PULSES: Final = "write - {input: X0, from_ms: 0, period_ms: 2, count: 100}"
@@ -263,6 +335,7 @@ class _StimulusFile(StrictModel):
     pulses: list[_Pulses] = Field([], description=_PULSES)
     watch: list[_Device] = Field(min_length=1, description="write the devices to record as [Y0, T0, TN0, D0]")
     input_filter_ms: int = Field(0, ge=0, le=60, description="write 0 to 60 ms, the range of an FX2N")
+    expect: list[_Expected] = Field([], description=_SPAN)
 
 
 def changes(stimulus: Stimulus) -> Iterator[tuple[int, Values]]:

@@ -1,0 +1,1 @@
+"""Debug adapter: a recorded run in editors that speak the Debug Adapter Protocol."""

@@ -1,0 +1,106 @@
+"""Scans of a recorded run as they were executed, recomputed from the devices with which they began.
+
+The program is executed again as a ladder, with a record of its contacts and its power. The result is the scan of the
+machine only if no device differs at END; special devices, which the system writes, are not compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+from controller.core.devices import Memory, device_name
+from controller.debug.machine import RecordedMachine
+from controller.debug.timeline import RunTimeline
+from controller.fx.engine.plc import FILTER_MS
+from controller.fx.language.check import devices_of
+from controller.fx.language.instruction import Ladder
+from controller.fx.observation.observation import ScanObservation
+from controller.fx.observation.observed_plc import ObservedPlc
+
+_SPECIAL: Final = 8000
+"""First of the special relays and registers."""
+_WORDS: Final = {"D": "D", "T": "TV", "C": "CV"}
+
+
+@lru_cache(maxsize=4)
+def _observed_plc(ladder: Ladder) -> ObservedPlc:
+    """Return a PLC for single scans; it has no state between them, and takes seconds to translate."""
+    return ObservedPlc(ladder, input_filter_ms=0)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedScan:
+    """Scan of a recorded run as it was executed.
+
+    Attributes:
+        seen: The scan.
+        stops: Indexes of the instructions that were executed, in order.
+        differing: Names of the devices whose value at END differs from the recorded one.
+    """
+
+    seen: ScanObservation
+    stops: tuple[int, ...]
+    differing: tuple[str, ...]
+
+
+class ScanObserver:
+    """Observer of the scans of one machine, for its recorded run and its branches.
+
+    Attributes:
+        reference: Rungs and step numbers of the program.
+    """
+
+    def __init__(self, machine: RecordedMachine) -> None:
+        """Translate the program.
+
+        Raises:
+            LadderError: The program contains a part that the engine does not support.
+        """
+        self.reference = machine.explained.reference
+        self._plc = _observed_plc(machine.ladder)
+        work = set(machine.work)
+        used = sorted(key for key in devices_of(machine.ladder) if key[0] in "XYMSTCD" and key not in work)
+        self._compared = [key for key in used if key[1] < _SPECIAL]
+        self._latest: tuple[RunTimeline, int, RecordedScan] | None = None
+
+    def observe(self, line: RunTimeline, scan: int) -> RecordedScan:
+        """Return a scan of a run.
+
+        Raises:
+            InputError: The scan is not recorded.
+        """
+        if self._latest is None or self._latest[:2] != (line, scan):
+            differing = tuple(self._differing(self._execute(line, scan)))
+            seen = self._plc.observation
+            stops = tuple(at for at, ran in enumerate(seen.executed) if ran)
+            self._latest = line, scan, RecordedScan(seen, stops, differing)
+        return self._latest[2]
+
+    def executes(self, line: RunTimeline, scan: int, instructions: Sequence[int]) -> int | None:
+        """Return the first of some instructions, in order, that is executed in a scan; None = none of them."""
+        self._execute(line, scan)
+        return next((at for at in instructions if self._plc.was_executed(at)), None)
+
+    def _execute(self, line: RunTimeline, scan: int) -> Memory:
+        """Execute a scan again; return the recorded devices at its END."""
+        start, plc = line.start_of(scan), self._plc
+        self._latest = None
+        end = line.machine.memory
+        start.memory.D[FILTER_MS] = 0  # the filtered levels are known
+        if not plc.running:
+            plc.run()
+        plc.load(start.memory, start.activity, first=start.first)
+        plc.scan(start.now_ms, end.X)
+        return end
+
+    def _differing(self, recorded: Memory) -> Iterator[str]:
+        own = self._plc.memory
+        for kind, number in self._compared:
+            differs = kind != "D" and own.bits(kind)[number] != recorded.bits(kind)[number]
+            if kind in _WORDS:
+                differs = differs or own.word(kind, number) != recorded.word(kind, number)
+            if differs:
+                yield device_name(kind, number)

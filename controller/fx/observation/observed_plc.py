@@ -1,0 +1,136 @@
+"""PLC whose scans are observed: the translated program of the engine, with the statements that record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import Any, Final
+
+from controller.core.devices import Memory
+from controller.fx.engine.code import CONTACT_RECORD, POWER_RECORD, ZONE_RECORD
+from controller.fx.engine.execution import Functions
+from controller.fx.engine.plc import FxPlc
+from controller.fx.engine.python_functions import PythonFunctions
+from controller.fx.engine.translate import translate
+from controller.fx.language.instruction import Instruction, Ladder
+from controller.fx.observation.observation import ObservedAt, ScanObservation, is_contact, is_output
+
+_ERROR_RELAYS: Final = (8067, 8004)
+_ERROR_REGISTERS: Final = (8067, 8069, 8004)
+
+
+class ObservedFunctions(PythonFunctions):
+    """Execution of a program that records its contacts and its power; its devices are those of `PythonFunctions`."""
+
+    def __init__(self, ladder: Ladder) -> None:
+        self._program = translate(ladder, observed=True)
+        super().__init__(self._program)
+
+    def link(self, functions: Functions) -> None:
+        """Set the functions of the instructions that Python executes, and their trials."""
+        trials = {i + self._program.observed: self._trial(function) for i, function in functions.items()}
+        super().link({**functions, **trials})
+
+    def forget(self) -> None:
+        """Clear the records."""
+        for row in self.records.values():
+            row[:] = [None] * len(row)
+
+    def _trial(self, function: Callable[..., int | None]) -> Callable[[], bool]:
+        """Return a function that evaluates a comparison and leaves the error devices unchanged."""
+        bits, words = self.memory.M, self.memory.D
+
+        def evaluate() -> bool:
+            relays, registers = [bits[n] for n in _ERROR_RELAYS], [words[n] for n in _ERROR_REGISTERS]
+            try:
+                return bool(function())
+            finally:
+                for number, on in zip(_ERROR_RELAYS, relays, strict=True):
+                    bits[number] = on
+                for number, value in zip(_ERROR_REGISTERS, registers, strict=True):
+                    words[number] = value
+
+        return evaluate
+
+
+class ObservedPlc(FxPlc):
+    """PLC that observes each of its scans.
+
+    An interrupt routine that runs after END replaces the records of its instructions.
+    """
+
+    def __init__(self, ladder: Ladder, **options: Any) -> None:
+        """Load the program and go to RUN.
+
+        Args:
+            ladder: Parsed program.
+            options: Options of `FxPlc`, except the execution.
+
+        Raises:
+            LadderError: The program contains a part that the engine does not support.
+        """
+        self._functions = ObservedFunctions(ladder)
+        super().__init__(ladder, execution=lambda _: self._functions, **options)
+
+    def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
+        """Run one scan and record it."""
+        self._functions.forget()
+        return super().scan(now_ms, levels)
+
+    def load(self, memory: Memory, activity: Sequence[bool] | None = None, *, first: bool = False) -> None:
+        """Continue from the devices of another PLC with this program.
+
+        The state of the input filter, of pulse outputs and ramps, and of special function modules is not part of
+        the devices.
+
+        Args:
+            memory: Devices before the scan; without its stored levels (E), those of this PLC remain.
+            activity: Previous activity of the steps (row A); None = not known, and the coils of all inactive steps are
+                executed without power.
+            first: Whether the next scan is the first one, with M8002 on.
+        """
+        for field in fields(Memory):
+            row: list[Any] = getattr(memory, field.name)
+            if field.name != "E" or row:
+                getattr(self.memory, field.name)[:] = row
+        steps = len(self.execution.activity)
+        self.execution.activity[:] = [True] * steps if activity is None else activity
+        self.scans = 0 if first else max(1, self.scans)
+
+    def was_executed(self, at: int) -> bool:
+        """Return whether an instruction was executed in the last scan."""
+        records = self._functions.records
+        return bool(_executed(self.ladder.instructions[at].name, records[POWER_RECORD][at], records[ZONE_RECORD][at]))
+
+    @property
+    def observation(self) -> ScanObservation:
+        """The last scan, as executed."""
+        records = self._functions.records
+        powers, zones = tuple(records[POWER_RECORD]), records[ZONE_RECORD]
+        executed = tuple(
+            _executed(instruction.name, power, zone)
+            for instruction, power, zone in zip(self.ladder.instructions, powers, zones, strict=True)
+        )
+        contacts = tuple(
+            value if ran and is_contact(instruction) else None
+            for instruction, value, ran in zip(self.ladder.instructions, records[CONTACT_RECORD], executed, strict=True)
+        )
+        coils = tuple(
+            power if is_output(instruction) else None
+            for instruction, power in zip(self.ladder.instructions, powers, strict=True)
+        )
+        return ScanObservation(ObservedAt.AS_EXECUTED, executed, contacts, powers, coils)
+
+
+_WITHOUT_RECORD: Final = frozenset({"NOP", "NEXT", "SRET", "IRET", "FEND", "END", "I"})
+
+
+def has_record(instruction: Instruction) -> bool:
+    """Return whether an observation tells if an instruction was executed."""
+    return instruction.name not in _WITHOUT_RECORD
+
+
+def _executed(name: str, power: bool | None, zone: bool | None) -> bool | None:
+    if power is None:
+        return None if name in _WITHOUT_RECORD else False
+    return zone is not False

@@ -1,0 +1,1 @@
+"""Runs of a program with a stimulus: its file, the run, what it must show."""

@@ -1,0 +1,1 @@
+"""Web page of the ladder of a program with its power flow."""

@@ -1,0 +1,85 @@
+"""Source of the scans that a ladder page shows."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from controller.common.errors import InputError
+from controller.debug.why.answer import WhySentence
+from controller.fx.language.operand_rules import Key
+from controller.fx.observation.observation import ObservedAt
+from controller.hmi.ladder_page.live_scan import LiveScan
+from controller.hmi.ladder_page.program import PageProgram
+
+
+class NotReadyError(Exception):
+    """Raised while a program is translated: nothing is known about its scans yet."""
+
+
+class NotConnectedError(Exception):
+    """Raised if the controller does not respond; the message is one line."""
+
+
+class ScanNotKeptError(InputError):
+    """Raised for a scan that is not available, or no longer."""
+
+
+class RunAccess(Protocol):
+    """Recorded run with a position, which the commands of the debugger move."""
+
+    async def execute(self, command: str) -> list[str]:
+        """Execute a command and return the lines of its answer.
+
+        Raises:
+            InputError: The command is invalid.
+        """
+
+    async def explain(self, device: Key, scan: int | None = None) -> list[WhySentence]:
+        """Return why a device is on or off after a scan; None = at the position.
+
+        Raises:
+            NotReadyError: The program is being translated.
+            InputError: The device or the scan cannot be asked about; the message is one line.
+        """
+
+    async def state(self) -> dict[str, Any]:
+        """Return the position, the length of the run and of its branch, and the marks of the slider."""
+
+
+class PageSource(Protocol):
+    """Scans of one program."""
+
+    @property
+    def program(self) -> PageProgram:
+        """The program."""
+
+    @property
+    def is_live(self) -> bool:
+        """True if the scans are those of a running controller, which can be looked at only."""
+
+    async def look(self, view: ObservedAt, scan: int | None = None) -> LiveScan:
+        """Return one scan.
+
+        Args:
+            view: View that is needed; the other one may be missing.
+            scan: Number of a scan that is kept; None = the last one.
+
+        Raises:
+            NotReadyError: The program is being translated.
+            NotConnectedError: The controller does not respond.
+            ScanNotKeptError: The scan is not kept.
+        """
+
+    async def keep(self) -> LiveScan:
+        """Return the last scan in both views, and keep it for `look`.
+
+        Raises:
+            NotReadyError: The program is being translated.
+            NotConnectedError: The controller does not respond.
+        """
+
+    def recorded(self) -> RunAccess | None:
+        """Return the recorded run that the page moves in; None = the program is live, and can be looked at only."""
+
+    async def run(self) -> None:
+        """Prepare the source while the page is served."""
