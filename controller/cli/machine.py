@@ -42,6 +42,12 @@ def machine_of(options: argparse.Namespace, *, without: Collection[str] = ()) ->
 
 def add_start_values(parser: argparse.ArgumentParser, *, example: str) -> None:
     """Add the options ``--set`` and ``--constants``."""
+    add_set_points(parser, example=example)
+    add_constants(parser, help_="; --set has priority")
+
+
+def add_set_points(parser: argparse.ArgumentParser, *, example: str) -> None:
+    """Add the option ``--set``; `assigned` reads it."""
     parser.add_argument(
         "--set",
         action="append",
@@ -50,7 +56,6 @@ def add_start_values(parser: argparse.ArgumentParser, *, example: str) -> None:
         dest="set_points",
         help=f"initial value of a set-point, e.g. {example}; may be repeated",
     )
-    add_constants(parser, help_="; --set has priority")
 
 
 def add_constants(parser: argparse.ArgumentParser, *, help_: str = "") -> None:
@@ -72,7 +77,7 @@ def start_values(machine: Transplanter, options: argparse.Namespace) -> dict[Wor
         InputError: A value of ``--set`` is invalid, or a time of the program does not fit the machine.
     """
     given = read_constants(machine.tags.sp, options.constants)
-    values = {**given.values, **_assigned(machine.tags.sp, options.set_points)}
+    values = {**given.values, **_words(machine.tags.sp, options.set_points)}
     lines = misfits(machine.program, machine.tags, MachineData(given.times, values))
     if lines:
         source = "the delivered machine" if options.constants is None else options.constants.name
@@ -127,13 +132,21 @@ def _raise_first(path: Path, located: LocatedMapping) -> None:
         raise ConstantsError(f"{path.name}:{min(located.faults)}")
 
 
-def _assigned(set_points: SetPoints, assignments: Sequence[str]) -> dict[Word, int]:
+def _words(set_points: SetPoints, assignments: Sequence[str]) -> dict[Word, int]:
+    return {getattr(set_points, name): value for name, value in assigned(set_points, assignments).items()}
+
+
+def assigned(set_points: SetPoints, assignments: Sequence[str]) -> dict[str, int]:
+    """Return the values of ``--set`` by name of the set-point.
+
+    Raises:
+        InputError: A value is invalid.
+    """
     values = {}
     for text in assignments:
         name, _, value = text.partition("=")
         try:
-            word, number = set_points.checked(name, value)
+            _, values[name] = set_points.checked(name, value)
         except SetPointError as error:
             raise InputError(f"--set {text}: {error}") from error
-        values[word] = number
     return values

@@ -272,18 +272,19 @@ def evaluate(expr: Expr, memory: Memory) -> bool:
 
 def leaves(expr: Expr) -> Iterator[Bit | Word]:
     """Yield every device that a condition reads."""
-    match expr:
-        case Bit():
-            yield expr
-        case Not(operand):
-            yield from leaves(operand)
-        case And(operands) | Or(operands):
-            for operand in operands:
-                yield from leaves(operand)
-        case Compare(_, left, right):
-            yield left
-            if isinstance(right, Word):
-                yield right
+    pending = [expr]
+    while pending:
+        part = pending.pop()
+        if isinstance(part, Bit):
+            yield part
+        elif isinstance(part, Not):
+            pending.append(part.operand)
+        elif isinstance(part, And | Or):
+            pending.extend(reversed(part.operands))
+        elif isinstance(part, Compare):
+            yield part.left
+            if isinstance(part.right, Word):
+                yield part.right
 
 
 def readable(expr: Expr) -> str:

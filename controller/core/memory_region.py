@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from dataclasses import fields
 from functools import cache
-from typing import Any, cast
+from typing import Any, Self, cast
 
 from controller.core.devices import Memory
 from controller.core.memory_layout import MemoryLayout
@@ -16,6 +16,9 @@ class _Bits(ctypes.Array):  # type: ignore[type-arg]
 
     _type_ = ctypes.c_bool
     _length_ = 0
+
+    def __copy__(self) -> Self:
+        return type(self).from_buffer_copy(self)
 
     def copy(self) -> list[bool]:
         return cast("list[bool]", memoryview(self).cast("B").cast("?").tolist())
@@ -29,6 +32,9 @@ class _Words(ctypes.Array):  # type: ignore[type-arg]
 
     _type_ = ctypes.c_int64
     _length_ = 0
+
+    def __copy__(self) -> Self:
+        return type(self).from_buffer_copy(self)
 
     def copy(self) -> list[int]:
         return memoryview(self).cast("B").cast("q").tolist()

@@ -104,6 +104,13 @@ class Program:
 
     def devices(self) -> Iterator[Bit | Word]:
         """Yield every device that the program reads or writes; devices may repeat."""
+        return iter(self._devices)
+
+    @cached_property
+    def _devices(self) -> tuple[Bit | Word, ...]:
+        return tuple(self._found_devices())
+
+    def _found_devices(self) -> Iterator[Bit | Word]:
         yield from self.system
         yield from (word for word, _ in self.set_points)
         for rung in self.rungs():

@@ -231,8 +231,8 @@ class Debugger:
             if scan <= self.line.last:
                 yield f"scan {scan}: {entry}"
         self.line.seek(self.line.last)
-        for at_ms, event in self.line.machine.events():
-            yield f"{at_ms / 1000:.2f} s: {event}"
+        for event in self.line.machine.events():
+            yield f"{event.at_ms / 1000:.2f} s: {event.text}"
 
     def _branch(self, text: str) -> Iterator[str]:
         change = parse_change(text)

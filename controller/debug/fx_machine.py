@@ -6,23 +6,24 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from controller.common.errors import InputError
 from controller.common.suggestion import suggestion
 from controller.core.devices import ANNUNCIATORS, Memory, device_name
 from controller.debug.condition import Condition
-from controller.debug.machine import DebugSignal, OutsideEntry, ScanStart, Value, copied
+from controller.debug.machine import DebugSignal, OutsideEntry, RunEvent, ScanStart, Value, copied
 from controller.debug.scan_observer import ScanObserver
 from controller.debug.timeline import LENGTH, RunTimeline
 from controller.debug.why.program import ExplainedProgram
 from controller.fx.engine.peripherals.peripherals import Peripherals
+from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import DeviceOperand, Ladder
 from controller.fx.language.operand_rules import Key, OperandError
 from controller.fx.observation.cross_reference import CrossReference
 from controller.fx.observation.why import Reasons
 from controller.fx.stimulus.running import StimulusRun
-from controller.fx.stimulus.stimulus import Stimulus, WatchedDevice, device_of
+from controller.fx.stimulus.stimulus import Stimulus, Values, WatchedDevice, device_of
 
 _ROWS: Final = {"X": "X", "Y": "Y", "M": "M", "S": "S", "T": "T", "TN": "TV", "C": "C", "CN": "CV", "D": "D"}
 """Row of the memory by kind of device, in the order of a table."""
@@ -49,6 +50,35 @@ def record_run(
     return line
 
 
+class ProgramRun(Protocol):
+    """Run of an FX program, scan by scan.
+
+    Attributes:
+        plc: The PLC.
+        now_ms: Time of the next scan, ms.
+        held: Levels by X number that are applied to terminals in place of those from outside.
+    """
+
+    plc: FxPlc
+    now_ms: int
+    held: dict[int, bool]
+
+    def save(self) -> Any:
+        """Return the complete state."""
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+
+    def prepare(self) -> None:
+        """Do what precedes the next scan, if this has not been done yet."""
+
+    def scan(self) -> None:
+        """Run one scan."""
+
+    def put(self, values: Values) -> None:
+        """Set device values."""
+
+
 class FxMachine:
     """Run of an FX program as a machine.
 
@@ -58,7 +88,7 @@ class FxMachine:
         owner: Timeline whose state the run is in; None = unknown.
     """
 
-    def __init__(self, running: StimulusRun) -> None:
+    def __init__(self, running: ProgramRun) -> None:
         """Take a run before its first scan."""
         self.running = running
         self.scan = 0
@@ -185,7 +215,7 @@ class FxMachine:
         state = "RUN" if plc.running else "STOP" if plc.error is None else f"STOP, {plc.error}"
         return {"time": f"{self.now_ms / 1000:.2f} s", "state": state, "annunciators": ", ".join(on) or "none"}
 
-    def events(self) -> Iterable[tuple[int, str]]:
+    def events(self) -> Iterable[RunEvent]:
         """Return no events: the program has none."""
         return ()
 

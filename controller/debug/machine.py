@@ -72,6 +72,20 @@ class ScanStart(NamedTuple):
     first: bool
 
 
+class RunEvent(NamedTuple):
+    """Event of the program.
+
+    Attributes:
+        at_ms: Time, ms.
+        kind: Kind, for example alarm.
+        text: The event in words.
+    """
+
+    at_ms: int
+    kind: str
+    text: str
+
+
 class OutsideEntry(Protocol):
     """Something that entered the machine from outside, before or during one scan: a button, a write, a fault."""
 
@@ -176,8 +190,8 @@ class RecordedMachine(Protocol):
     def outcome(self) -> Mapping[str, Value]:
         """Return the state, alarms and counts by name."""
 
-    def events(self) -> Iterable[tuple[int, str]]:
-        """Return the time in ms and text of every event so far."""
+    def events(self) -> Iterable[RunEvent]:
+        """Return every event so far."""
 
     def change(self, name: str, value: str, /) -> tuple[OutsideEntry, Callable[[], OutsideEntry] | None]:
         """Return the entry that begins a change, and a function that returns the entry that ends it.

@@ -165,3 +165,44 @@ Event = (
 def as_record(event: Event) -> dict[str, object]:
     """Return an event as a flat record for a file or a pipe."""
     return asdict(event)
+
+
+def as_sentence(event: Event) -> str:
+    """Return an event in words, without its time.
+
+    Examples:
+        >>> as_sentence(AlarmEvent(0, 911, True, "left arm not up after clamping"))
+        'alarm S911 on: left arm not up after clamping'
+        >>> as_sentence(StateEvent(0, 4, "Idle", next_press="press X0 to start"))
+        'state Idle; now: press X0 to start'
+    """
+    match event:
+        case StateEvent():
+            reason = f", reason {event.reason}" if event.reason else ""
+            return f"state {event.text}{reason}{_now(event.next_press)}"
+        case AlarmEvent():
+            return f"alarm S{event.number} {_level(event.active)}: {event.text}"
+        case QuestionEvent():
+            return f"question {'asked' if event.active else 'answered'}: {event.text}"
+        case CycleEvent():
+            missed = f", {event.missed_cups} cups missed ({event.gap_cause})" if event.missed_cups else ""
+            times = f"{event.cycle_ms / 1000:.2f} s, of which {event.waiting_ms / 1000:.2f} s waiting for cups"
+            return f"cycle of the {event.side} arm with row {event.row} completed in {times}{missed}"
+        case RowEvent():
+            return f"row {event.rows} of the {event.side} arm released over the cups"
+        case TrayEvent():
+            return f"tray {event.trays_done} emptied"
+        case ModeEvent():
+            return f"mode {event.text}"
+        case RefusalEvent():
+            return f"refused: {event.text}{_now(event.next_press)}"
+        case NextPressEvent():
+            return f"now: {event.text}" if event.text else "now: no press is required"
+
+
+def _now(press: str) -> str:
+    return f"; now: {press}" if press else ""
+
+
+def _level(active: bool) -> str:
+    return "on" if active else "off"

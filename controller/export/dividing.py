@@ -57,7 +57,8 @@ class _Divider:
 
     def _fitting(self, when: Expr) -> Expr:
         """Return a condition of at most the largest number of lines; its parts may be relays."""
-        if self._lines(when) <= self._most:
+        contacts = sum(1 for _ in leaves(when))  # each takes at most one line
+        if contacts <= self._most or self._lines(when) <= self._most:
             return when
         match when:
             case Not(operand):
@@ -72,7 +73,8 @@ class _Divider:
         """Return a parallel connection whose first operands are combined in a relay, as often as necessary."""
         waiting = [operand if self._lines(operand) < self._most else self._relay(operand) for operand in operands]
         while self._lines(any_of(*waiting)) > self._most:
-            count = max(n for n in range(2, len(waiting)) if self._lines(any_of(*waiting[:n])) <= self._most)
+            counts = range(len(waiting) - 1, 1, -1)
+            count = next(n for n in counts if self._lines(any_of(*waiting[:n])) <= self._most)
             waiting[:count] = [self._relay(any_of(*waiting[:count]))]
         return any_of(*waiting)
 

@@ -14,7 +14,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from collections.abc import Sequence as Rows
 from dataclasses import dataclass, replace
+from heapq import heapify, heappop, heapreplace
 from itertools import combinations
 from textwrap import shorten
 from typing import Final
@@ -69,6 +71,50 @@ class _Value:
     negated: bool
     expr: Expr
     parts: tuple[_Value, ...] = ()
+
+
+class _Size:
+    """Uses and steps of each value while values are removed from those that are read from relays.
+
+    Attributes:
+        uses: Number of conditions and connections in which each value is written or read.
+        steps: Steps of each value, written out.
+    """
+
+    def __init__(
+        self, operands: Rows[frozenset[tuple[int, bool]]], uses: list[int], steps: list[int], chosen: set[int]
+    ) -> None:
+        self.uses = uses
+        self.steps = steps
+        self._chosen = chosen
+        self._operands = [[operand for operand, _ in each] for each in operands]
+        self._connections: list[list[int]] = [[] for _ in operands]
+        for number, each in enumerate(self._operands):
+            for operand in each:
+                self._connections[operand].append(number)
+
+    def saved(self, number: int) -> int:
+        """Return the steps that a relay for a value saves."""
+        uses, steps = self.uses[number], self.steps[number]
+        return uses * steps - (steps + 1 + uses)
+
+    def write_out(self, number: int) -> None:
+        """Remove a value from those that are read from relays."""
+        self._chosen.remove(number)
+        self._use_operands(number, self.uses[number] - min(self.uses[number], 1))
+        self._lengthen_connections(number, self.steps[number] + bool(self._operands[number]) - 1)
+
+    def _use_operands(self, number: int, more: int) -> None:
+        for operand in self._operands[number] if more else ():
+            self.uses[operand] += more
+            if operand not in self._chosen:
+                self._use_operands(operand, more)
+
+    def _lengthen_connections(self, number: int, more: int) -> None:
+        for connection in self._connections[number] if more else ():
+            self.steps[connection] += more
+            if connection not in self._chosen:
+                self._lengthen_connections(connection, more)
 
 
 class _Values:
@@ -151,19 +197,29 @@ class _Values:
         return tuple(map(combined, sorted(self._operands[value.number], key=position)))
 
     def worth_a_relay(self) -> set[int]:
-        """Return the numbers of the values for which a relay saves steps."""
+        """Return the numbers of the values for which a relay saves steps.
+
+        All candidates are chosen first; those used once are removed, then the one that saves least, while it saves
+        nothing. A removal makes other values longer or used more often, never the reverse, so that a saving that has
+        been calculated before is a lower limit of the present one.
+        """
         chosen = {number for number, operands in enumerate(self._operands) if operands or self._steps[number] > 1}
-        while True:
-            uses, steps = self._total_uses(chosen), self._inline_steps(chosen)
-            saved = {n: uses[n] * steps[n] - (steps[n] + 1 + uses[n]) for n in chosen}
-            single = {n for n in chosen if uses[n] <= 1}
-            worst = min(chosen, key=lambda n: (saved[n], n), default=None)
-            if single:
-                chosen -= single
-            elif worst is not None and saved[worst] <= 0:
-                chosen.remove(worst)
+        size = _Size(self._operands, self._total_uses(chosen), self._inline_steps(chosen), chosen)
+        for number in [n for n in chosen if size.uses[n] <= 1]:
+            size.write_out(number)
+        by_saving = [(size.saved(number), number) for number in chosen]
+        heapify(by_saving)
+        while by_saving:
+            before, number = by_saving[0]
+            saved = size.saved(number)
+            if saved > before:
+                heapreplace(by_saving, (saved, number))
+            elif saved <= 0:
+                heappop(by_saving)
+                size.write_out(number)
             else:
-                return chosen
+                break
+        return chosen
 
     def _total_uses(self, chosen: set[int]) -> list[int]:
         uses = self._uses.copy()

@@ -15,7 +15,7 @@ from controller.program.operator.constants import constant_rungs
 from controller.program.operator.refusals import Orders
 from controller.program.operator.start_warning import cancel_rungs, lapse_rungs, request_rungs
 from controller.program.states import HOLDS, MOVING, RUNNING, STOPPABLE, Mode, Reason, State
-from controller.program.tags import FIRST_SCAN, IN_PLACE, MOVING_OUT, STEPPED, Tags
+from controller.program.tags import FIRST_SCAN, FORGOTTEN, IN_PLACE, MOVING_OUT, STEPPED, Tags
 
 STEP_PRESS_MS = 2_000
 """Time after which an unused press in step mode expires, ms, so that motion does not start long after the press."""
@@ -109,6 +109,7 @@ def conditioning(tags: Tags, orders: Orders, io_map: IoMap) -> list[Rung]:
     faults = any_of(system.link_lost, system.scan_fault, system.store_fault, system.outputs_taken)
     accepted = orders.accepted
     return [
+        Mov(FORGOTTEN, tags.tray.phase, when=FIRST_SCAN & system.memory_lost),  # before questions and refusals
         *edge_rungs(tags),
         Out(machine.abort, when=any_of(x.emergency_stop, commands.abort, faults)),
         *constant_rungs(tags),

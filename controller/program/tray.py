@@ -17,7 +17,6 @@ from controller.program.alarms.table import Annunciators
 from controller.program.states import State
 from controller.program.tags import (
     COMING,
-    FIRST_SCAN,
     FORGOTTEN,
     FULL,
     IN_PLACE,
@@ -122,7 +121,6 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
     real = ~tags.system.link_lost
     jogged = machine.jogs["tray_run"] & t.driven["tray_run"]
     return [
-        Mov(FORGOTTEN, t.phase, when=FIRST_SCAN & tags.system.memory_lost),
         *_stated_rows(tags),
         Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
         Inc(machine.trays_done, when=t.emptied),

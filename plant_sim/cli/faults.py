@@ -41,6 +41,8 @@ from plant_sim.fault_matrix.rest_table import (
 from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
 from plant_sim.fault_matrix.situations import Spell
 from plant_sim.fault_matrix.stored_air import REMEDIES, AirCase, AirOutcome, air_cases, run_air_case
+from plant_sim.fault_matrix.yield_inputs import yield_report
+from plant_sim.fault_matrix.yield_inputs.fitted import YIELD_INPUTS, YieldResult, fitted_with, rows_to_run, silent_rows
 from plant_sim.faults import FaultError
 from plant_sim.twin.lock_step import SCAN_MS
 
@@ -65,6 +67,8 @@ def run(options: argparse.Namespace) -> int:
     setting = MatrixSetup(options.seed, options.trays, options.io_map, options.machine)
     if options.stored_air:
         return _run_with_stored_air(options, setting, provenance)
+    if options.yield_inputs:
+        return _run_with_yield_inputs(options, setting, provenance)
     return (
         _run_at_rest(options, setting, provenance) if options.at_rest else _run_in_motion(options, setting, provenance)
     )
@@ -106,6 +110,38 @@ def _run_with_stored_air(options: argparse.Namespace, setting: MatrixSetup, prov
         for path in air_report.write_report(results, folder, provenance):
             print(path)
     return 1 if air_report.all_findings(results) else 0
+
+
+def _run_with_yield_inputs(options: argparse.Namespace, setting: MatrixSetup, provenance: Provenance) -> int:
+    chosen, own = rows_to_run(setting, options.fault)
+    folder = _create_folder(options.out) if options.out is not None else None
+    start_s = time.perf_counter()
+    result = run_with_yield_inputs(chosen, own, setting, moments=options.moments, jobs=options.jobs)
+    print(yield_report.summary(result, time.perf_counter() - start_s))
+    if folder is not None:
+        for path in yield_report.write_report(result, folder, provenance):
+            print(path)
+    return 1 if result.findings else 0
+
+
+def run_with_yield_inputs(
+    chosen: Sequence[Subject], own: Sequence[Subject], setting: MatrixSetup, *, moments: int, jobs: int
+) -> YieldResult:
+    """Run rows without and with the yield inputs.
+
+    Args:
+        chosen: Rows to run without and with all of the inputs; those that are silent also with each kind alone.
+        own: Rows of the inputs themselves.
+        setting: Machine and trial, without the inputs.
+        moments: Random moments per fault.
+        jobs: Parallel processes; 1 = this process only.
+    """
+    run_rows = partial(run_matrix, moments=moments, jobs=jobs)
+    without = run_rows(chosen, setting)
+    fitted = fitted_with(setting, YIELD_INPUTS)
+    silent = silent_rows(without)
+    single = {name: run_rows(silent, fitted_with(setting, [name])) for name in YIELD_INPUTS}
+    return YieldResult(without, run_rows(chosen, fitted), run_rows(own, fitted), single)
 
 
 def run_stored_air(setting: MatrixSetup, *, moments: int, jobs: int) -> list[AirResult]:
@@ -174,6 +210,8 @@ def run_matrix(chosen: Sequence[Subject], setting: MatrixSetup, *, moments: int,
     Returns:
         One row per subject, in the same order.
     """
+    if not chosen:
+        return []
     reference = undisturbed(setting)
     cases = [
         (subject, fault)
@@ -231,6 +269,8 @@ def _check(options: argparse.Namespace) -> None:
         raise FaultError("--stored-air: has cases of its own; omit --all, --fault and --at-rest")
     if not options.stored_air and options.all == bool(options.fault):
         raise FaultError("faults: specify either --all or --fault KIND[:TARGET], for example --fault jammed:left.slide")
+    if options.yield_inputs and (options.stored_air or options.at_rest or options.factors):
+        raise FaultError("--yield-inputs: compares faults in motion; omit --at-rest, --stored-air and --times")
     if options.factors and (options.stored_air or options.at_rest):
         raise FaultError("--times: applies to faults in motion; omit --at-rest and --stored-air")
     if not options.at_rest and (options.stops or options.every is not None):

@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 
+from controller.cli.machine import assigned
 from controller.common.errors import InputError
+from controller.fx.language.cpu_model import FX2N
+from controller.program.set_points import SetPoints
 from plant_sim.faults import Fault, parse_fault
 from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.machine.stored_air import parse_share
@@ -47,6 +50,30 @@ def faults_of(options: argparse.Namespace) -> list[Fault]:
         FaultError: A fault is malformed or impossible.
     """
     return [parse_fault(text) for text in options.fault]
+
+
+def check_program(options: argparse.Namespace) -> None:
+    """Check the options for an FX program in place of the controller.
+
+    Raises:
+        InputError: An option belongs to the program or to the controller, and the other one runs.
+    """
+    if options.ladder is not None and options.set_points:
+        raise InputError("--ladder: the program has its own initial values; omit --set")
+    if options.ladder is None and (options.modules is not None or options.cpu != FX2N.key):
+        raise InputError("--cpu and --modules: belong to an FX program; specify it with --ladder")
+
+
+def start_values_of(options: argparse.Namespace) -> dict[str, int]:
+    """Return the initial values of set-points, by name.
+
+    Raises:
+        InputError: A value is invalid, or is that of another option.
+    """
+    values = assigned(SetPoints(), options.set_points)
+    if "trays_target" in values:
+        raise InputError("--set trays_target: is the number of trays; use --trays")
+    return values
 
 
 def max_ms_of(options: argparse.Namespace) -> int | None:

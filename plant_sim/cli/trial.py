@@ -7,11 +7,10 @@ import argparse
 from controller.cli.fx_options import cpu_of, peripherals_of
 from controller.common.errors import InputError
 from controller.common.stop_request import INTERRUPTED
-from controller.fx.language.cpu_model import FX2N
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.reproduce.origin import print_json, provenance_of
 from plant_sim.cli.reproduce.result_folder import result_folder
-from plant_sim.cli.settings import faults_of, machine_of, rule_of
+from plant_sim.cli.settings import check_program, faults_of, machine_of, rule_of, start_values_of
 from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.crop.seedling import TRAY_CELLS
 from plant_sim.twin.ladder.scan_timing import ScanTiming
@@ -32,10 +31,9 @@ def run(options: argparse.Namespace) -> int:
         InputError: An option or a file is invalid.
     """
     _check(options)
+    check_program(options)
     if options.ladder is not None:
         return _ladder_trial(options)
-    if options.modules is not None or options.cpu != FX2N.key:
-        raise InputError("--cpu and --modules: belong to an FX program; specify it with --ladder")
     provenance = provenance_of(options)
     with result_folder(options, provenance) as files:
         reports = _trials(options, provenance)
@@ -68,6 +66,7 @@ def _check(options: argparse.Namespace) -> None:
 def _trials(options: argparse.Namespace, provenance: Provenance) -> list[TrialReport]:
     """Run the trials with consecutive seeds."""
     io_map, machine, faults = load_io_map(options.io_map), machine_of(options), faults_of(options)
+    values = start_values_of(options)
     trays = options.trays if options.seedlings is None else -(-options.seedlings // TRAY_CELLS)
     reports: list[TrialReport] = []
     for seed in range(options.seed, options.seed + options.repeat):
@@ -77,6 +76,7 @@ def _trials(options: argparse.Namespace, provenance: Provenance) -> list[TrialRe
             seedlings=options.seedlings,
             io_map=io_map,
             parameters=machine,
+            set_points=values,
             faults=faults,
             record=options.record,
             provenance=provenance,

@@ -113,12 +113,14 @@ class MatrixSetup:
         trays: Trays of a trial, 72 seedlings each.
         io_map: I/O map file.
         machine: Machine parameter file.
+        wires: Tags of optional points that are wired besides those of the map.
     """
 
     seed: int = 1
     trays: int = 2
     io_map: Path = DEFAULT_IO_MAP
     machine: Path = DEFAULT_MACHINE
+    wires: tuple[str, ...] = ()
 
     def twin(self, *faults: Fault) -> Twin:
         """Return a twin with the given faults, after power-up.
@@ -130,7 +132,7 @@ class MatrixSetup:
         twin = Twin(
             seed=self.seed,
             trays=self.trays,
-            io_map=_io_map(self.io_map),
+            io_map=_io_map(self.io_map, self.wires),
             parameters=_machine(self.machine),
             set_points={"trays_target": self.trays},
             faults=faults,
@@ -140,8 +142,8 @@ class MatrixSetup:
 
 
 @cache
-def _io_map(path: Path) -> IoMap:
-    return load_io_map(path)
+def _io_map(path: Path, wires: tuple[str, ...]) -> IoMap:
+    return load_io_map(path).with_wired(wires)
 
 
 @cache

@@ -100,7 +100,13 @@ def parse_fault(text: str) -> Fault:
     name, equals, written = head.partition("=")
     kind, colon, target = (part.strip() for part in name.partition(":"))
     start, dots, end = times.partition("..")
-    if not (colon and kind and target) or (equals and not written.strip()) or bool(at) != bool(dots):
+    if at and not dots:
+        moment = times.strip() or "5s"
+        raise FaultError(
+            f"{text!r}: the two dots after the start are missing; write @{moment}.. for a fault that stays, or "
+            f"@{moment}..END for one that ends"
+        )
+    if not (colon and kind and target) or (equals and not written.strip()):
         raise FaultError(f"{text!r}: not a fault; {_SYNTAX}")
     try:
         return Fault(

@@ -21,12 +21,12 @@ from plant_sim.hil.cases import (
     work_cases,
 )
 from plant_sim.hil.machine_view import SHORTEST_MS
-from plant_sim.hil.press_cases import first_motion_cases, press_cases, rest_cases
+from plant_sim.hil.press_cases import first_motion_cases, press_cases, rest_cases, warning_cases
 from plant_sim.hil.procedure import CaseError, NotRunError, Procedure
 from plant_sim.hil.random_operator import random_cases
 from plant_sim.hil.reference import TrialQuantities
 from plant_sim.hil.selection import FIRST_GROUPS, GROUPS
-from plant_sim.hil.wire_cases import supply_cases, wire_cases
+from plant_sim.hil.wire_cases import supply_cases, wire_cases, yield_cases
 
 
 class CaseVerdict(enum.StrEnum):
@@ -119,9 +119,11 @@ class BenchRun:
         stops = (*stop_cases(usual_ms), *first_motion_cases())
         cases = (
             *press_cases(),
+            *warning_cases(self._bench),
             *rest_cases(),
             *stops,
             *fault_cases(),
+            *yield_cases(self._bench),
             *wire_cases(),
             *supply_cases(),
             *work_cases(),

@@ -13,7 +13,7 @@ from plant_sim.hil.bench import Bench, Figure
 from plant_sim.hil.bench_module import BenchModule
 from plant_sim.hil.procedure import CaseError, NotRunError, Procedure, Wait
 from plant_sim.hil.reference import TRIAL_SEEDLINGS, TRIAL_TRAYS, TrialQuantities, excesses, most
-from plant_sim.hil.selection import EDGE, WORK
+from plant_sim.hil.selection import EDGE, FAULT, WORK
 from plant_sim.hil.situations import OutputSituation
 from plant_sim.twin.ladder.question_lamp import LAMP
 
@@ -92,7 +92,7 @@ def stop_cases(situations: dict[OutputSituation, int]) -> Iterator[Case]:
 def fault_cases() -> Iterator[Case]:
     """Return one case for every class of faults."""
     for fault in FAULTS:
-        yield Case("fault", fault, partial(fault_class, fault), starts=True)
+        yield Case(FAULT, fault, partial(fault_class, fault), starts=True)
 
 
 def work_cases() -> Iterator[Case]:

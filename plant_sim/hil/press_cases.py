@@ -13,7 +13,17 @@ from typing import Final
 
 from plant_sim.hil.answers import answer
 from plant_sim.hil.bench import Bench
-from plant_sim.hil.cases import AT_REST_MS, REST_MS, Case, home, press_start, rest, rest_after_stop, stop_and_clear
+from plant_sim.hil.cases import (
+    AT_REST_MS,
+    REST_MS,
+    WARNING_MS,
+    Case,
+    home,
+    press_start,
+    rest,
+    rest_after_stop,
+    stop_and_clear,
+)
 from plant_sim.hil.procedure import NotRunError, Procedure, Wait
 from plant_sim.hil.selection import EDGE, PRESS, REST
 
@@ -24,6 +34,11 @@ FIRST_CYCLE_MS: Final = (200, 1_500, 3_000, 5_000, 8_000)
 HELD_MS: Final = 3_000
 """Time for which an emergency stop is held before something is pressed, ms."""
 NO_AIR: Final = "low_supply:supply=0MPa"
+HORN: Final = "horn"
+LEAST_WARNING_MS: Final = 2_000
+"""Shortest time from the first pulse of the horn to the first motion, ms (ADR 62)."""
+LONGEST_PULSE_MS: Final = 1_500
+"""Longest pulse of a start warning, ms: a longer tone is that of an alarm (assumed)."""
 
 
 def press_cases() -> Iterator[Case]:
@@ -37,6 +52,12 @@ def press_cases() -> Iterator[Case]:
     yield Case(PRESS, "start held while the air returns", hold_start_and_return_air, starts=True)
     yield Case(PRESS, "broken wire of stop", break_stop, starts=True)
     yield Case(PRESS, "broken wire of the emergency stop", break_emergency_stop, starts=True)
+
+
+def warning_cases(bench: Bench) -> Iterator[Case]:
+    """Return the case of the start warning; none without a horn."""
+    if HORN in bench.module.plant.indicators:
+        yield Case(PRESS, "start warning before the first motion", start_warning, starts=True)
 
 
 def first_motion_cases() -> Iterator[Case]:
@@ -85,6 +106,27 @@ def hold_start_and_clear(bench: Bench) -> Procedure:
     bench.module.plant.box.start = False
     yield from bench.pause(HELD_MS)
     yield from _clear_and_home(bench)
+
+
+def start_warning(bench: Bench) -> Procedure:
+    """Press start at rest; require pulses of the horn for 2 s before the first motion, and that a stop cancels them."""
+    yield from _ready_to_home(bench)
+    lit, reason = bench.module.plant.indicators, "before a start warning of 2 s"
+    for is_cancelled in (True, False):
+        bench.forbid(reason, resting=bench.view.on)
+        bench.module.plant.box.start = True
+        yield from bench.until(lambda: lit[HORN], WARNING_MS, "horn after a press of start")
+        begun_ms = bench.now_ms
+        yield from bench.until(lambda: not lit[HORN], LONGEST_PULSE_MS, "end of the first pulse of the horn")
+        bench.release_buttons()
+        yield from bench.pause(begun_ms + LEAST_WARNING_MS // (2 if is_cancelled else 1) - bench.now_ms)
+        if is_cancelled:
+            bench.forbid("after a stop in the start warning", resting=bench.view.on)
+            yield from bench.hold("stop", 200)
+            yield from bench.pause(HELD_MS)
+    bench.forbidden = ""
+    yield from bench.until(lambda: bool(bench.view.on), WARNING_MS, "motion after the start warning")
+    yield from _require_home(bench)
 
 
 def start_while_homing(bench: Bench) -> Procedure:

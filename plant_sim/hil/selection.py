@@ -8,11 +8,12 @@ REST: Final = "rest"
 WIRES: Final = "wires"
 SUPPLY: Final = "power and link"
 WORK: Final = "work"
+FAULT: Final = "fault"
 EDGE: Final = "emergency stop at an edge"
 """Group of the emergency stops at the beginning of a situation, and in the first motions after a press of start."""
 FIRST_GROUPS: Final = ("power-up", "homing", "cycle", "trial", "stop")
 """Groups that always run, because the others need the situations of their trial."""
-GROUPS: Final = (*FIRST_GROUPS, PRESS, REST, "emergency stop", EDGE, "fault", WIRES, SUPPLY, WORK, "scan-time margin")
+GROUPS: Final = (*FIRST_GROUPS, PRESS, REST, "emergency stop", EDGE, FAULT, WIRES, SUPPLY, WORK, "scan-time margin")
 """Groups of cases in their order."""
 
 SHORT_GROUPS: Final = (*FIRST_GROUPS, PRESS, REST)

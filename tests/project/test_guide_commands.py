@@ -78,7 +78,11 @@ PAPERS: Final = {
 LONG: Final = {
     ".venv/bin/python -m controller prove --mutants 20 --seed 1",
     ".venv/bin/python -m controller prove --mutants 300 --seed 1 --out docs/reference",
+    ".venv/bin/python -m controller ladder sizes --out docs/reference",
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
+    ".venv/bin/python -m plant_sim faults --all --yield-inputs --moments 1 --out fault-matrix",
+    ".venv/bin/python -m plant_sim faults --yield-inputs --fault jammed:claws --fault stuck_valve:claws "
+    "--out fault-matrix",
     ".venv/bin/python -m plant_sim faults --all --times 0.25 --times 0.5 --times 2 --times 4 --out fault-matrix",
     ".venv/bin/python -m plant_sim faults --at-rest --all --out fault-matrix",
     ".venv/bin/python -m plant_sim faults --at-rest --all --stop stopped --every 500",

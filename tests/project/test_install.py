@@ -38,6 +38,8 @@ DATA = {
     "controller/hmi/panel/static/cab.css",
     "controller/hmi/panel/static/panel.css",
     "controller/hmi/panel/static/themes.css",
+    "controller/hmi/web/static/dom.js",
+    "controller/hmi/web/static/fonts.css",
     *(f"controller/hmi/panel/static/foreign/roboto-condensed{end}" for end in ("-400.woff2", ".LICENSE.txt")),
     "controller/hmi/ladder_page/static/index.html",
     "controller/hmi/ladder_page/static/main.js",

@@ -12,6 +12,7 @@ from controller.cli.ladder.export import add_export
 from controller.cli.ladder.find import add_find
 from controller.cli.ladder.live import add_live_arguments, is_live, run_live_program
 from controller.cli.ladder.page import add_page
+from controller.cli.ladder.sizes import add_sizes
 from controller.common.document.rendering import write_texts
 from controller.common.errors import InputError
 from controller.fx.drawing.ladder import draw
@@ -32,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``ladder``."""
     commands = parser.add_subparsers(required=True, metavar="ACTION")
     add_export(commands)
+    add_sizes(commands)
     check_ = commands.add_parser("check", help="report probable errors in a program")
     check_.set_defaults(action=_check)
     check_.add_argument("file", type=Path, help=PROGRAM_FILE)

@@ -18,6 +18,7 @@ from controller.common.stop_request import StopRequest
 from controller.common.supervision.tasks import run_supervised
 from controller.core.clock import MonotonicClock
 from controller.debug.commands import Debugger
+from controller.debug.why.machine_program import MachineProgram
 from controller.export.instruction_list import SCRATCH
 from controller.fx.engine.parts import parts_of
 from controller.fx.language.instruction import Ladder
@@ -76,7 +77,8 @@ def program_of_file(name: str, ladder: Ladder) -> PageProgram:
 def program_of_machine(machine: Transplanter) -> tuple[PageProgram, list[tuple[str, int]]]:
     """Return the program of a machine, and the devices of its ladder that the controller does not have."""
     alarms = [((alarm.bit.kind, alarm.bit.number), alarm.text.message) for alarm in machine.alarms]
-    program = PageProgram(machine.program.name, machine_reference(machine), machine_texts(machine), alarms)
+    texts, reference = machine_texts(machine), machine_reference(machine)
+    program = PageProgram(machine.program.name, reference, texts, alarms, lambda: MachineProgram(machine))
     return program, [("D", number) for number in SCRATCH]
 
 

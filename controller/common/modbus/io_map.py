@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -157,6 +157,39 @@ class IoMap:
             unwired=(),
             registers=tuple(replace(each, wired=True) for each in (*self.registers, *self.unwired_registers)),
             unwired_registers=(),
+        )
+
+    def with_wired(self, tags: Collection[str]) -> IoMap:
+        """Return the map with the given optional points and output registers wired as well.
+
+        Args:
+            tags: Their tags; those that are wired already are left as they are.
+
+        Raises:
+            DeclarationError: The map has no point or output register with one of the tags.
+        """
+        everything = self.all_wired()
+        for tag in tags:
+            if everything.get(tag) is None and everything.register(tag) is None:
+                raise DeclarationError(f"{self.path}: no point or output register {tag}")
+        named = {tag for tag in tags if tag not in self}
+        return replace(
+            self,
+            inputs=tuple(each for each in everything.inputs if each.tag in self or each.tag in named),
+            outputs=tuple(each for each in everything.outputs if each.tag in self or each.tag in named),
+            unwired=tuple(each for each in self.unwired if each.tag not in named),
+            registers=tuple(each for each in everything.registers if self.register(each.tag) or each.tag in named),
+            unwired_registers=tuple(each for each in self.unwired_registers if each.tag not in named),
+        )
+
+    def with_unwired(self, tags: Collection[str]) -> IoMap:
+        """Return the map with the given wired points not wired."""
+        points = [replace(self[tag], wired=False) for tag in tags]
+        return replace(
+            self,
+            inputs=tuple(each for each in self.inputs if each.tag not in tags),
+            outputs=tuple(each for each in self.outputs if each.tag not in tags),
+            unwired=(*self.unwired, *points),
         )
 
     def get(self, tag: str) -> Point | None:

@@ -50,7 +50,7 @@ class WhyContact:
     """
 
     device: str
-    tag: str
+    tag: Text
     on: bool
     at: int
     rung: int
@@ -61,8 +61,7 @@ class WhyContact:
         """Return the contact with the value that it needs, or that it has at present."""
         on = self.on != present
         level = texts.truth(on) if " " in self.device else texts.level(on)
-        name = f"{self.device} {self.tag}".rstrip()
-        return Text(f"{name} {level.en}", f"{name} {level.zh}")
+        return Text(*(" ".join(filter(None, words)) for words in zip((self.device,) * 2, self.tag, level, strict=True)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +147,7 @@ class WhyAnswer:
     """
 
     device: str
-    tag: str
+    tag: Text
     scan: int
     question: Text
     sets: tuple[WhySet, ...]

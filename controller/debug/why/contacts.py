@@ -8,6 +8,7 @@ from controller.debug.why.program import ExplainedProgram
 from controller.fx.language.operand_rules import Key
 from controller.fx.observation.device_use import device_uses
 from controller.fx.observation.why import ChangeSet, RequiredChange
+from controller.program.texts.operator import Text
 
 
 class Contacts:
@@ -37,7 +38,7 @@ class Contacts:
         device = device_name(*change.device) if change.device else str(instruction).partition(" ")[2]
         if change.device is None and instruction.name.lstrip("LANDOR")[:1] in "=<>":
             device = f"{instruction.operands[0]} {instruction.name.lstrip('LANDOR')} {instruction.operands[1]}"
-        tag = self._program.tag(change.device) if change.device else ""
+        tag = self._program.tag(change.device) if change.device else Text("", "")
         number = reference.rung_at(at)
         return WhyContact(device, tag, change.on, at, number, reference.step_numbers[at], str(instruction))
 

@@ -1,4 +1,4 @@
-"""Inquiry into a recorded run: from a device through its rungs and past scans to the causes."""
+"""Inquiry into the scans that are known: from a device through its rungs and past scans to the causes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from dataclasses import replace
 from typing import Final
 
 from controller.core.devices import device_name
-from controller.debug.search import device_changes, following
-from controller.debug.timeline import RunTimeline
 from controller.debug.why.answer import CauseKind, WhyAnswer, WhyCause, WhyProof, WhyStep
 from controller.debug.why.contacts import Contacts
-from controller.debug.why.history import RunHistory, size_of
+from controller.debug.why.history import ScanHistory, size_of
 from controller.debug.why.program import ExplainedProgram
 from controller.debug.why.texts import level, sentence
+from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS
 from controller.fx.language.instruction import DeviceOperand, Instruction
 from controller.fx.language.operand_rules import Key
 from controller.fx.observation.observation import ScanObservation
@@ -29,22 +28,18 @@ _MOST_VALUES: Final = 2
 """Number of values of a word, such as the state of the machine, that are followed into the past."""
 _SPECIAL: Final = 8000
 """Number of the first special relay."""
-_INPUT_SCANS: Final = 3
-"""Scans in which a change at a terminal reaches its input, with the input filter of 10 ms and a bounce."""
 
 
 class Inquiry:
-    """Inquiry into one recorded run.
+    """Inquiry into one history.
 
     Attributes:
-        line: The recorded run.
         program: The program.
     """
 
-    def __init__(self, line: RunTimeline, program: ExplainedProgram) -> None:
-        """Take a recorded run and its program."""
-        self.line, self.program = line, program
-        self._run = RunHistory(line)
+    def __init__(self, run: ScanHistory, program: ExplainedProgram) -> None:
+        """Take the scans that are known, and their program."""
+        self._run, self.program = run, program
         self._list = program.reference.ladder.instructions
         self._contacts = Contacts(program)
         self._visited: set[tuple[Key, int | None]] = set()
@@ -58,7 +53,7 @@ class Inquiry:
 
         Args:
             key: The device.
-            scan: The scan, at least the second recorded one.
+            scan: The scan, after the first one that is known.
         """
         self._visited, self._steps, self._causes = set(), [], []
         value, name, where = self._run.value(key, scan), self.program.name(key), self._run.where(scan)
@@ -71,8 +66,7 @@ class Inquiry:
             question = sentence("why", name=name, level=level(value), **where)
         self._follow(key, scan)
         if not self._is_decided:
-            self.line.seek(scan)
-            self._causes += self.program.suspects(self.line)
+            self._causes += self._run.suspects(self.program, scan)
         found = [each for reason in reasons for each in reason.sets]
         causes = sorted(dict.fromkeys(self._causes), key=lambda cause: cause.kind)
         return WhyAnswer(
@@ -103,7 +97,7 @@ class Inquiry:
 
     def _reasons(self, key: Key, scan: int) -> list[OutputReason]:
         """Return the reason for a device in one scan; for an active step, that of each of its transitions."""
-        if key[0] in "XDVZ" or scan <= self.line.first:
+        if key[0] in "XDVZ" or scan <= self._run.first:
             return []
         seen = self._run.observed(scan)
         reasons = self.program.reasons
@@ -162,50 +156,44 @@ class Inquiry:
         """True if a cause has been found behind which nothing is to be looked for."""
         return any(cause.kind <= CauseKind.SAFEGUARD for cause in self._causes)
 
+    def _dated(self, words: str, key: Key, value: int, changed: int | None, **more: str | int) -> Text:
+        """Return a sentence about a value and the scan since which a device has it; None = no change is known."""
+        shown = {"name": self.program.name(key), "level": level(value), "value": str(value), **more}
+        if changed is not None:
+            return sentence(words, **shown, **self._run.where(changed))
+        return sentence(f"{words} {self._run.unchanged}", **shown)
+
     def _follow_input(self, key: Key, scan: int, changed: int | None) -> None:
-        value, since = self._run.value(key, scan), self.line.first if changed is None else changed
-        name = "input always" if changed is None else "input"
-        text = sentence(name, name=self.program.name(key), level=level(value), **self._run.where(since))
+        value, since = self._run.value(key, scan), self._run.first if changed is None else changed
+        text = self._dated("input", key, value, changed)
         self._step(key, since, None, text)
-        self.line.seek(scan)
-        causes = self.program.input_causes(key, self.line, scan, changed)
+        causes = self._run.input_causes(self.program, key, scan, changed)
         self._causes += causes
         driver = self.program.driver(key)
         if driver is not None and not value and not self._is_decided and not self._run.value(driver, scan):
             self._follow(driver, scan)  # the part does not come because nothing moves it
         if not causes:
             guarded = self.program.is_safeguard(key, key)
-            change = "" if guarded or changed is None else self._flip(key, changed, value)
+            change = "" if guarded or changed is None else self._run.flip(key, changed)
             kind = CauseKind.SAFEGUARD if guarded else CauseKind.INPUT
             self._causes.append(WhyCause(kind, device_name(*key), since, text, change))
-
-    def _flip(self, key: Key, changed: int, value: int) -> str:
-        """Return the change with which an input keeps its level from before a change until it has it again."""
-        again = following(self.line, device_changes(self.line, [self._run.signal(key)]), changed)
-        start = max(self.line.first + 1, changed - _INPUT_SCANS)
-        return f"{device_name(*key)}={_word(not value)}@{start}..{'' if again is None else again}"
 
     def _follow_outside(self, key: Key, scan: int, changed: int | None) -> None:
         if key[0] == "M" and key[1] >= _SPECIAL:
             return
-        value, since, name = (
-            self._run.value(key, scan),
-            self.line.first if changed is None else changed,
-            self.program.name(key),
-        )
+        value, since = self._run.value(key, scan), self._run.first if changed is None else changed
         if key[0] in "DVZ":
-            self._cause(CauseKind.SET_POINT, key, since, sentence("set-point", name=name, value=value))
-        elif changed is None:
-            self._cause(CauseKind.UNCHANGED, key, since, sentence("unchanged", name=name, level=level(value)))
+            text = sentence("set-point", name=self.program.name(key), value=value)
+            self._cause(CauseKind.SET_POINT, key, since, text)
         else:
-            text = sentence("command", name=name, level=level(value), **self._run.where(since))
-            self._cause(CauseKind.COMMAND, key, since, text)
+            kind = CauseKind.UNCHANGED if changed is None and self._run.is_recorded else CauseKind.COMMAND
+            self._cause(kind, key, since, self._dated("command", key, value, changed))
 
     def _follow_word(self, key: Key, scan: int, changed: int | None) -> None:
         name = self.program.name(key)
-        if changed is None or changed <= self.line.first + 1:
-            value = self._run.value(key, scan)
-            self._cause(CauseKind.SET_POINT, key, self.line.first, sentence("set-point", name=name, value=value))
+        if changed is None:
+            text = self._dated("word", key, self._run.value(key, scan), None)
+            self._cause(CauseKind.UNCHANGED, key, self._run.first, text)
             return
         if sum(step.device == device_name(*key) for step in self._steps) >= _MOST_VALUES:
             return
@@ -234,13 +222,8 @@ class Inquiry:
         self._follow_sets(key, sets, changed, recent=True)
 
     def _follow_step(self, key: Key, scan: int, changed: int | None) -> None:
-        since = self.line.first if changed is None else changed
-        self._step(
-            key,
-            since,
-            self._body(key)[0],
-            sentence("step waits", name=self.program.name(key), **self._run.where(since)),
-        )
+        since = self._run.first if changed is None else changed
+        self._step(key, since, self._body(key)[0], self._dated("step waits", key, 1, changed))
         for reason in self._reasons(key, scan)[:1]:
             self._follow_sets(key, reason.sets, scan, recent=False)
 
@@ -250,18 +233,20 @@ class Inquiry:
             self._follow_bit(key, scan, changed)
             return
         on = bool(self._run.value(key, scan))
+        if on and changed is None and not self._run.is_recorded and _is_kept(key):
+            self._cause(CauseKind.UNCHANGED, key, scan, self._dated("kept", key, 1, None))
+            return
         at_scan = changed if on and changed is not None else scan
         name, preset = self.program.name(key), str(self._list[coil].operands[-1])
         seen = self._run.observed(at_scan)
         driven = bool(seen.executed[coil]) and bool(seen.powers[coil])
         if on:
-            self._step(key, at_scan, coil, sentence("elapsed", name=name, preset=preset, **self._run.where(at_scan)))
-            if key[0] == "T" and at_scan > self.line.first + 1:
+            self._step(key, at_scan, coil, self._dated("elapsed", key, 1, changed, preset=preset))
+            if key[0] == "T" and at_scan > self._run.first + 1:
                 at_scan -= 1  # before what it has turned on acts
                 seen = self._run.observed(at_scan)
         elif driven or key[0] == "C":
-            self.line.seek(scan)
-            value = self.line.machine.signal(device_name(f"{key[0]}N", key[1])).read()
+            value = self._run.memory(scan).word(*key)
             text = sentence("timer" if key[0] == "T" else "counter", name=name, value=str(value), preset=preset)
             self._step(key, scan, coil, text)
             self._cause(CauseKind.TIMER, key, scan, text)
@@ -280,8 +265,8 @@ class Inquiry:
         latched = not any(self._list[at].name in ("OUT", "MC") for at in coils)
         # an OUT coil has its reason in every scan, what is kept has it in the scan in which it has changed
         at_scan = changed if latched and changed is not None else scan
-        if at_scan <= self.line.first:
-            text = sentence("unchanged", name=self.program.name(key), level=level(self._run.value(key, scan)))
+        if at_scan <= self._run.first:
+            text = self._dated("kept", key, self._run.value(key, scan), None)
             self._cause(CauseKind.UNCHANGED, key, at_scan, text)
             return
         value, seen = bool(self._run.value(key, at_scan)), self._run.observed(at_scan)
@@ -297,32 +282,29 @@ class Inquiry:
         if decisive is None:
             decisive = next(iter(coils), None)
         self._changed_step(key, scan, changed, decisive)
-        for rule, words in self._blocking(key, scan):
-            self._step(key, scan, decisive, sentence("rule", name=self.program.name(key), rule=rule, reason=words))
-            self._cause(CauseKind.INTERLOCK, key, scan, sentence("rule cause", rule=rule, reason=words))
+        for rule in self._blocking(key, scan):
+            self._step(key, scan, decisive, sentence("rule", name=self.program.name(key), rule=rule))
+            self._cause(CauseKind.INTERLOCK, key, scan, sentence("rule cause", rule=rule))
         skipped = self._skipped(coils, seen)
         if not value and not sets and skipped:
             sets = self._around(skipped[0], seen, at_scan)
             names = ", ".join(str(self._contacts.contact(change).device) for each in sets for change in each.changes)
             text = sentence("not executed", name=self.program.name(key), other=names or "-")
             self._step(key, at_scan, skipped[0], text)
-        self._follow_sets(key, sets, at_scan, recent=changed == at_scan)
-        if not sets and changed is None:
-            text = sentence("unchanged", name=self.program.name(key), level=level(value))
-            self._cause(CauseKind.UNCHANGED, key, self.line.first, text)
+        is_earlier = latched and changed is None and not applied and not self._run.is_recorded
+        if is_earlier or (changed is None and not sets):
+            self._cause(CauseKind.UNCHANGED, key, self._run.first, self._dated("kept", key, value, None))
+        if not is_earlier or not (value or key[0] == "S"):  # what turns it on in this scan is a reason to be off
+            self._follow_sets(key, sets, at_scan, recent=changed == at_scan)
 
-    def _blocking(self, key: Key, scan: int) -> list[tuple[Text, Text]]:
+    def _blocking(self, key: Key, scan: int) -> list[Text]:
         if key[0] != "Y":
             return []
-        self.line.seek(scan)
-        return list(self.program.blocking(key))
+        return list(self.program.blocking(key, self._run.memory(scan)))
 
     def _changed_step(self, key: Key, scan: int, changed: int | None, at: int | None) -> None:
-        value, name = self._run.value(key, scan), self.program.name(key)
-        if changed is None:
-            text = sentence("never", name=name, level=level(value), scan=scan)
-        else:
-            text = sentence("went", name=name, level=level(value), **self._run.where(changed))
+        words = {} if changed is not None else {"scan": scan}
+        text = self._dated("went", key, self._run.value(key, scan), changed, **words)
         self._step(key, scan if changed is None else changed, at, text)
 
     def _left(self, key: Key, scan: int, seen: ScanObservation) -> bool:
@@ -363,15 +345,25 @@ class Inquiry:
         if not sets:
             return
         chosen = self._run.choose(sets, scan, self._contacts.read_by, recent=recent)
-        read = {each: None for change in (*chosen.changes, *chosen.causes) for each in self._contacts.read_by(change)}
+        read = {
+            each: self._executed_after(change, each, scan)
+            for change in (*chosen.changes, *chosen.causes)
+            for each in self._contacts.read_by(change)
+        }
         # what has changed last is the most likely cause
-        for each in sorted(read, key=lambda each: self._run.changed([each], scan) or self.line.first, reverse=True):
+        for each in sorted(read, key=lambda each: self._run.changed([each], scan) or self._run.first, reverse=True):
             if each != key:
-                self._follow(each, scan)
+                self._follow(each, read[each])
+
+    def _executed_after(self, change: RequiredChange, key: Key, scan: int) -> int:
+        """Return the scan after which a device has the value with which its contact was executed in a scan."""
+        is_level = change.device is not None and self._list[change.contacts[0]].name[-1] not in "PF"
+        return scan - 1 if is_level and bool(self._run.value(key, scan)) == change.on else scan
 
 
-def _word(on: object) -> str:
-    return "on" if on else "off"
+def _is_kept(key: Key) -> bool:
+    """Return whether a timer or counter keeps its value while its rung is off."""
+    return key[0] == "C" or key[1] in RETENTIVE_TIMER_NUMBERS
 
 
 def _device(instruction: Instruction, kind: str) -> Key | None:

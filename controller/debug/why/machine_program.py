@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache
 
 from controller.core.devices import ANNUNCIATORS, Memory
 from controller.core.expr import Bit, Expr, evaluate, leaves
 from controller.core.program import Program
+from controller.debug.why.chinese_names import chinese_names
 from controller.debug.why.program import ExplainedProgram
 from controller.export.instruction_list import program_ladder
 from controller.fx.language.operand_rules import Key
@@ -26,17 +27,11 @@ _SAFEGUARDS = ("stop", "emergency_stop", "guard")
 class MachineProgram(ExplainedProgram):
     """Program of the transplanter as its controller executes it."""
 
-    def __init__(self, machine: Transplanter, memory: Callable[[], Memory]) -> None:
-        """Take the program of a machine.
-
-        Args:
-            machine: The machine.
-            memory: Function that returns the present devices.
-        """
+    def __init__(self, machine: Transplanter) -> None:
+        """Take the program of a machine."""
         reference, reasons = _references(machine.program)
         super().__init__(reference, reasons)
         self.machine = machine
-        self._memory = memory
         self._alarms = {("S", alarm.bit.number): alarm for alarm in machine.alarms}
         self._rules: dict[Key, list[Rule]] = {}
         self._requests: dict[Key, frozenset[Key]] = {}
@@ -45,6 +40,7 @@ class MachineProgram(ExplainedProgram):
             if point is not None:
                 self._rules["Y", point.number] = rules
                 self._requests["Y", point.number] = frozenset((each.kind, each.number) for each in leaves(request))
+        self._chinese = chinese_names(machine)
         self._safeguards: set[Key] = set()
         for tag in _SAFEGUARDS:
             point = machine.io_map.get(tag)
@@ -61,22 +57,30 @@ class MachineProgram(ExplainedProgram):
         message = alarm.text.message
         return Text(f"{alarm.bit} “{message.en}”", f"{alarm.bit}“{message.zh}”")
 
+    def tag(self, key: Key) -> Text:
+        """Return the tag or comment of a device; in Chinese its name in the tables of the texts, if it has one."""
+        tag = super().tag(key)
+        return Text(tag.en, self._chinese.get(key, tag.zh))
+
     def is_safeguard(self, key: Key, of: Key, /) -> bool:
         """Return whether a device is a safeguard, an alarm, or a condition of a rule of an output."""
         if key in self._safeguards or (key[0] == "S" and key[1] in ANNUNCIATORS and key != of):
             return True
         return of in self._rules and key not in self._requests[of]
 
-    def blocking(self, key: Key, /) -> Iterator[tuple[Text, Text]]:
-        """Yield name and reason of each rule that does not allow an output at present, if the output is requested."""
-        memory = self._memory()
+    def blocking(self, key: Key, memory: Memory, /) -> Iterator[Text]:
+        """Yield each rule that does not allow an output at present, if the output is requested.
+
+        In Chinese a rule is named by its reason.
+        """
         if not any(memory.bits(kind)[number] for kind, number in self._requests.get(key, ()) if kind in "MS"):
             return
         tag = next((point.tag for point in self.machine.io_map.outputs if ("Y", point.number) == key), "")
         output = tag.rpartition(".")[2]
         for rule in self._rules[key]:
             if output in rule.outputs and not evaluate(rule.allow, memory):
-                yield Text(rule.name, rule.name), RULES[rule.name]
+                reason = RULES[rule.name]
+                yield Text(f"“{rule.name}”: {reason.en}", f"“{reason.zh}”")
 
 
 @lru_cache(maxsize=4)

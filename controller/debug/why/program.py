@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from controller.core.devices import device_name
+from controller.core.devices import Memory, device_name
 from controller.fx.language.operand_rules import Key
 from controller.fx.observation.cross_reference import CrossReference
 from controller.fx.observation.why import Reasons
@@ -35,20 +35,20 @@ class ExplainedProgram:
 
     def name(self, key: Key) -> Text:
         """Return the name of a device with its tag or comment."""
-        name = device_name(*key)
-        text = f"{name} {self.tag(key)}".rstrip()
-        return Text(text, text)
+        name, tag = device_name(*key), self.tag(key)
+        return Text(f"{name} {tag.en}".rstrip(), f"{name} {tag.zh}".rstrip())
 
-    def tag(self, key: Key) -> str:
+    def tag(self, key: Key) -> Text:
         """Return the tag or comment of a device; empty = none."""
-        return next(iter(self.reference.device(key).texts), "")
+        tag = next(iter(self.reference.device(key).texts), "")
+        return Text(tag, tag)
 
     def is_safeguard(self, _key: Key, _of: Key, /) -> bool:
         """Return whether a device is a safeguard or an interlock of another one: named as cause, never changed."""
         return False
 
-    def blocking(self, _key: Key, /) -> Iterable[tuple[Text, Text]]:
-        """Return name and reason of each rule that does not allow an output in the present state of the machine."""
+    def blocking(self, _key: Key, _memory: Memory, /) -> Iterable[Text]:
+        """Return each rule that does not allow an output with the present devices: its name and its reason."""
         return ()
 
     def input_causes(self, _key: Key, _line: RunTimeline, _scan: int, _changed: int | None, /) -> Sequence[WhyCause]:

@@ -9,6 +9,7 @@ from controller.debug.comparison import branch, parse_change
 from controller.debug.search import device_changes, following, last
 from controller.debug.timeline import RunTimeline
 from controller.debug.why.answer import CauseKind, WhyAnswer, WhyCause, WhyProof
+from controller.debug.why.history import RunHistory
 from controller.debug.why.inquiry import Inquiry
 from controller.debug.why.program import ExplainedProgram
 from controller.debug.why.texts import level, sentence
@@ -37,7 +38,7 @@ def answer(line: RunTimeline, program: ExplainedProgram, key: Key, scan: int) ->
     """
     if not line.first < scan <= line.last:
         raise InputError(f"scan {scan}: no scan to look into; choose one from {line.first + 1} to {line.last}")
-    found = Inquiry(line, program).ask(key, scan)
+    found = Inquiry(RunHistory(line), program).ask(key, scan)
     first = found.cause
     candidates = [cause for cause in found.causes if cause.change][:_MOST_REPLAYS]
     if first is not None and first.kind in _FORBIDDEN:
@@ -106,7 +107,7 @@ def _still(branched: RunTimeline, program: ExplainedProgram, key: Key) -> Text:
     """Return the cause for which a device still has its value at the end of a branch."""
     if branched.last <= branched.first:
         return sentence("same")
-    cause = Inquiry(branched, program).ask(key, branched.last).cause
+    cause = Inquiry(RunHistory(branched), program).ask(key, branched.last).cause
     return sentence("same") if cause is None else cause.text
 
 

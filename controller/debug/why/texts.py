@@ -28,15 +28,20 @@ SENTENCES: Final = {
     ),
     # steps
     "went": Text("{name} went {level} in scan {scan}, {time}", "{name} 在扫描 {scan}（{time}）{level}"),
-    "stays": Text(
-        "{name} is {level}, unchanged since scan {scan}, {time}", "{name} {level}，自扫描 {scan}（{time}）起未变"
-    ),
-    "never": Text(
+    "went always": Text(
         "{name} is {level} in all recorded scans up to scan {scan}", "{name} 在扫描 {scan} 以前的全部记录中均{level}"
     ),
+    "went earlier": Text("{name} is {level}, as before this scan", "{name} {level}，与本扫描之前相同"),
     "step waits": Text(
         "step {name} is active since scan {scan}, {time}, and its transition is not met",
         "步 {name} 自扫描 {scan}（{time}）起激活，转移条件未满足",
+    ),
+    "step waits always": Text(
+        "step {name} is active in all recorded scans, and its transition is not met",
+        "步 {name} 在全部记录中均激活，转移条件未满足",
+    ),
+    "step waits earlier": Text(
+        "step {name} is active, and its transition is not met", "步 {name} 已激活，转移条件未满足"
     ),
     "step left": Text(
         "step {name} was left in scan {scan}, {time}, to {other}", "步 {name} 在扫描 {scan}（{time}）转移到 {other}"
@@ -45,32 +50,53 @@ SENTENCES: Final = {
         "timer {name} elapsed in scan {scan}, {time}: its rung was on for {preset}",
         "定时器 {name} 在扫描 {scan}（{time}）到时：其梯级已接通 {preset}",
     ),
+    "elapsed always": Text(
+        "timer {name} has elapsed in all recorded scans: its rung is on for {preset}",
+        "定时器 {name} 在全部记录中均已到时：其梯级已接通 {preset}",
+    ),
+    "elapsed earlier": Text(
+        "timer {name} has elapsed: its rung is on for {preset}", "定时器 {name} 已到时：其梯级已接通 {preset}"
+    ),
     "written": Text(
         "{name} = {value}, written in scan {scan}, {time}", "{name} = {value}，于扫描 {scan}（{time}）写入"
     ),
     "not executed": Text(
         "the rungs that turn {name} on are not executed: {other}", "接通 {name} 的梯级未执行：{other}"
     ),
-    "rule": Text(
-        "{name} is requested and not granted by the rule “{rule}”: {reason}",
-        "{name} 已请求，但规则“{rule}”不允许：{reason}",
-    ),
+    "rule": Text("{name} is requested and not granted by the rule {rule}", "{name} 已请求，但规则{rule}不允许"),
     # causes
     "input": Text("{name} is {level}, since scan {scan}, {time}", "{name} {level}，自扫描 {scan}（{time}）起"),
     "input always": Text("{name} is {level} in all recorded scans", "{name} 在全部记录中均{level}"),
+    "input earlier": Text("{name} is {level}, as before this scan", "{name} {level}，与本扫描之前相同"),
     "safeguard": Text(
         "{name} acts since scan {scan}, {time}; a safeguard, and the cause to be found out",
         "{name} 自扫描 {scan}（{time}）起动作；这是安全措施，应查明其原因",
     ),
-    "rule cause": Text("rule “{rule}”: {reason}", "规则“{rule}”：{reason}"),
+    "rule cause": Text("rule {rule}", "规则{rule}"),
     "timer": Text("{name} runs: {value} of {preset}", "{name} 正在计时：{value}／{preset}"),
     "counter": Text("{name} counts: {value} of {preset}", "{name} 正在计数：{value}／{preset}"),
     "command": Text(
         "{name} is {level} since scan {scan}, {time}; the program does not write it: a command or a bit of the system",
         "{name} 自扫描 {scan}（{time}）起{level}；程序不写该软元件：命令或系统位",
     ),
+    "command always": Text("{name} is {level} since the first recorded scan", "{name} 自第一个记录的扫描起一直{level}"),
+    "command earlier": Text(
+        "{name} is {level}; the program does not write it: a command or a bit of the system",
+        "{name} {level}；程序不写该软元件：命令或系统位",
+    ),
     "set-point": Text("{name} = {value}, a value that the program does not write", "{name} = {value}，程序不写该数值"),
-    "unchanged": Text("{name} is {level} since the first recorded scan", "{name} 自第一个记录的扫描起一直{level}"),
+    "word always": Text(
+        "{name} = {value} since the first recorded scan", "{name} 自第一个记录的扫描起一直等于 {value}"
+    ),
+    "word earlier": Text(
+        "{name} = {value}, written in an earlier scan; record the run to see it",
+        "{name} = {value}，在较早的扫描中写入；记录运行后可查明",
+    ),
+    "kept always": Text("{name} is {level} since the first recorded scan", "{name} 自第一个记录的扫描起一直{level}"),
+    "kept earlier": Text(
+        "{name} is {level} since an earlier scan; record the run to see why",
+        "{name} 自较早的扫描起{level}；记录运行后可查明原因",
+    ),
     "fault": Text("{fault}, {span}; {plant}", "{fault}，{span}；{plant}"),
     "active": Text("active", "存在"),
     "is": Text("is {level}", "{level}"),
@@ -98,6 +124,7 @@ SENTENCES: Final = {
     "no input": Text("no single input or fault is named", "未指明单一的输入或故障"),
     "too early": Text("the cause is older than the recorded run", "原因早于记录的起点"),
     "same": Text("the same contacts", "相同的触点"),
+    "not recorded": Text("the scans before are not recorded", "此前的扫描未记录"),
 }
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Final
 
-from controller.common.modbus.io_map import IoMap
+from controller.core.devices import ANNUNCIATORS
 from controller.core.program import Program
 from controller.export.instruction_list import POWER_UP, SUPERVISION, acting, export
 from controller.export.packages.first_minutes import KeptMemory, first_minutes
@@ -60,6 +60,8 @@ Memory: {steps} steps. An FX2N has {most_steps} steps, with a memory cassette {c
 
 {scan_time}
 
+{alarms}
+
 {minutes}
 {confirmation}
 The files have not yet been loaded into GX Works2, nor the program into a real FX2N.
@@ -77,14 +79,14 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
     program = acting(source.program)
     ladder = export(program, source.pulses)
     files = {CSV: write_gx_csv(ladder), COMMENTS: write_gx_comments(ladder), IL: write_il(ladder).encode()}
-    write_files(folder, files | {README: _readme(program, ladder, source.io_map).encode()})
+    write_files(folder, files | {README: _readme(source, program, ladder).encode()})
     used = usage(ladder)
     fits = used.steps <= MOST_STEPS
     verdict = "fits" if fits else f"does not fit: more than {MOST_STEPS} steps; {remedy_for_steps(used.steps)}"
     return PackageReport((f"FX2N: {used}", *_budget(program, ladder), *_facts(ladder), verdict), fits)
 
 
-def _readme(program: Program, ladder: Ladder, io_map: IoMap) -> str:
+def _readme(source: PackageSource, program: Program, ladder: Ladder) -> str:
     return _README.format(
         name=program.name,
         csv=CSV,
@@ -95,7 +97,7 @@ def _readme(program: Program, ladder: Ladder, io_map: IoMap) -> str:
             f"{PLC_CHARACTERS} characters of a comment (general knowledge); the project has all of them.",
             120,
         ),
-        minutes=first_minutes(io_map, _LATCHED, lambda _: "device test of GX Works2"),
+        minutes=first_minutes(source.io_map, _LATCHED, lambda _: "device test of GX Works2"),
         confirmation=CONFIRMATION,
         lines=MOST_LINES,
         steps=usage(ladder).steps,
@@ -107,7 +109,19 @@ def _readme(program: Program, ladder: Ladder, io_map: IoMap) -> str:
             "Read D8010 to D8012 (0.1 ms) in the real PLC before the machine is started.",
             120,
         ),
+        alarms=fill(
+            "Alarms: the program has only those that influence an output, as annunciators from S900. Not exported: "
+            f"{_left_out(source.program, program)}. After a loss of memory, the questions are asked without S904.",
+            120,
+        ),
     )
+
+
+def _left_out(complete: Program, program: Program) -> str:
+    """Return the annunciators of the complete program that the exported one lacks, with their comments."""
+    kept = {device.number for device in program.devices() if device.kind == "S"}
+    left = {d.number: d.comment for d in complete.devices() if d.kind == "S" and d.number in ANNUNCIATORS}
+    return ", ".join(f"S{number} ({left[number]})" for number in sorted({*left} - kept))
 
 
 def _facts(ladder: Ladder) -> list[str]:

@@ -59,7 +59,7 @@ class KeptDeclaration(RuntimePart):
     def begin(self, variables: Variables) -> list[str]:
         """Declare the word and return the lines that repeat the declaration in the first scan."""
         command = variables.device(system_bit(self.program, NEW_MACHINE))
-        lost = variables.device(system_bit(self.program, MEMORY_LOST))
+        lost = variables.device(system_bit(self.program, MEMORY_LOST))  # on in the first scan, in which it is unknown
         phase = variables.device(self._device(PHASE))
         stored = variables.add(
             Variable(KEPT_NEW, "INT", self.word, comment="1 = declared as new, and has not moved since")
@@ -68,12 +68,8 @@ class KeptDeclaration(RuntimePart):
         return [
             "",
             "(* new machine: its declaration is repeated in the first scan until the machine has moved *)",
-            f"IF (NOT {MARK}) AND ({stored} = 1) THEN",
-            f"    {lost} := FALSE;",
-            f"    {phase} := {FORGOTTEN};",
-            f"    {command} := TRUE;",
-            "END_IF;",
-            f"{declared} := {command} AND ({phase} = {FORGOTTEN});",
+            f"IF {lost} AND ({stored} = 1) THEN {command} := TRUE; END_IF;",
+            f"{declared} := {command} AND ({lost} OR ({phase} = {FORGOTTEN}));",
         ]
 
     def end(self, variables: Variables) -> list[str]:

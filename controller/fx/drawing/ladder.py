@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import accumulate
 from typing import Final
 
 from controller.fx.drawing.rung import CELL, COLUMNS, MARGIN, SPACE, RungDrawing, output_width, rung_height, rung_width
 from controller.fx.drawing.step_chart import draw_charts
 from controller.fx.drawing.svg import SvgPicture
 from controller.fx.language.instruction import Ladder
-from controller.fx.language.instruction_set import steps
+from controller.fx.language.instruction_set import step_numbers
 from controller.fx.language.rung_shapes import Rung, rungs_of
 
 LONGEST_PAGE: Final = 2400
@@ -31,7 +30,7 @@ def draw(ladder: Ladder) -> dict[str, str]:
             each group of connected steps.
     """
     files: dict[str, str] = {}
-    numbers = step_numbers(ladder)
+    numbers = step_numbers(ladder.instructions)
     for number, (title, rungs) in enumerate(_blocks(ladder), 1):
         slug = re.sub(r"[^a-z0-9]+", "_", title.lower())[:LONGEST_NAME].strip("_") or "program"
         for part, page in enumerate(_pages(ladder, rungs), 1):
@@ -66,11 +65,6 @@ def _pages(ladder: Ladder, rungs: list[Rung]) -> Iterator[list[Rung]]:
         page.append(rung)
         height += needed
     yield page
-
-
-def step_numbers(ladder: Ladder) -> list[int]:
-    """Return the program step of each instruction."""
-    return list(accumulate(map(steps, ladder.instructions), initial=0))[:-1]
 
 
 def _page(ladder: Ladder, title: str, rungs: list[Rung], numbers: Sequence[int]) -> str:
@@ -115,7 +109,7 @@ class RungPictures:
         self.rungs = rungs_of(ladder)
         self._ladder = ladder
         self._texts = texts
-        self._numbers = step_numbers(ladder)
+        self._numbers = step_numbers(ladder.instructions)
         self._right = MARGIN + CELL * (columns + 1)
 
     def height(self, number: int) -> int:

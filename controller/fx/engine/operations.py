@@ -12,7 +12,7 @@ from controller.fx.engine.code import STEPS_LEFT
 from controller.fx.engine.cpu import Cpu, OperationError, watchdog_error
 from controller.fx.engine.execution import Functions
 from controller.fx.language.instruction import Instruction, Ladder
-from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS, steps
+from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS, step_numbers
 
 STEPS_A_MS: Final = 12_500
 """Execution rate of the FX2N in basic steps per ms, for the watchdog: 0.08 us per step (fx2n.md 1.3, from memory)."""
@@ -50,19 +50,11 @@ class Operations:
         self._list = ladder.instructions
         self._cpu = cpu
         self._watchdog = watchdog
-        self._places = self._step_numbers()
+        self._places = step_numbers(ladder.instructions)
 
     def functions(self, indexes: tuple[int, ...]) -> Functions:
         """Return new functions for the instructions at these indexes, without state of earlier scans."""
         return {i: self._function(self._list[i], self._places[i]) for i in indexes}
-
-    def _step_numbers(self) -> list[int]:
-        """Return the step number of each instruction."""
-        at, places = 0, []
-        for instruction in self._list:
-            places.append(at)
-            at += steps(instruction)
-        return places
 
     def _function(self, instruction: Instruction, at: int) -> Callable[..., int | None]:
         name = FORMS[instruction.name].kind.name

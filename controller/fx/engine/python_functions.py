@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
+from types import CodeType
 from typing import Final, NoReturn
 
 from controller.core.devices import MS_10, MS_100, Memory
@@ -86,7 +88,7 @@ class PythonFunctions:
         text = "".join(_FunctionText(routine).text() for routine in program.routines)
         for number, condition in enumerate(program.shared):
             text += f"def {_shared_name(number)}():\n{INDENT}return {_text(condition)}\n"
-        exec(compile(text, "<program>", "exec"), self._space)  # noqa: S102 - text of checked instructions
+        exec(_compiled(text), self._space)  # noqa: S102 - text of checked instructions
         self._scan = self._space[program.main.name]
 
     def save(self) -> None:
@@ -106,6 +108,12 @@ class PythonFunctions:
     def run_interrupt(self, number: int, now_ms: int) -> None:
         """Execute an interrupt routine."""
         self._space[interrupt_name(number)](now_ms // MS_100, now_ms // MS_10, now_ms)  # type: ignore[operator]
+
+
+@lru_cache(maxsize=8)
+def _compiled(text: str) -> CodeType:
+    """Return the code of a program, which several PLCs with the same program share."""
+    return compile(text, "<program>", "exec")
 
 
 def _raise_watchdog_error() -> NoReturn:

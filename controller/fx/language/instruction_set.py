@@ -8,8 +8,9 @@ have not been verified.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Final
 
 from controller.fx.language.instruction import (
@@ -367,6 +368,11 @@ def steps(instruction: Instruction) -> int:
     if name in ("OUT", "SET", "RST"):
         return _coil_steps(name, device) + (_far(device) if device.kind == "M" else 0)
     return _far(device) + (2 if name[-1] in "PF" else 1)
+
+
+def step_numbers(instructions: Iterable[Instruction]) -> list[int]:
+    """Return the program step of each instruction of a program."""
+    return list(accumulate(map(steps, instructions), initial=0))[:-1]
 
 
 def _far(device: DeviceOperand) -> int:

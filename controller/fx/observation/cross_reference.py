@@ -6,12 +6,11 @@ import re
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Final
 
 from controller.core.devices import device_name
 from controller.fx.language.instruction import Instruction, Ladder
-from controller.fx.language.instruction_set import steps
+from controller.fx.language.instruction_set import step_numbers
 from controller.fx.language.operand_rules import Key
 from controller.fx.language.rung_shapes import rungs_of
 from controller.fx.observation.device_use import device_uses
@@ -73,8 +72,7 @@ class CrossReference:
             texts: Further texts of devices by FX name, for example comments in other languages.
         """
         self.ladder = ladder
-        sizes = [steps(instruction) for instruction in ladder.instructions]
-        self.step_numbers = [0, *accumulate(sizes)][: len(sizes)]
+        self.step_numbers = step_numbers(ladder.instructions)
         self.rungs = rungs_of(ladder)
         self._firsts = [rung.first for rung in self.rungs]
         self._title_starts = sorted(ladder.titles)

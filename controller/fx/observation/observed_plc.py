@@ -70,6 +70,7 @@ class ObservedPlc(FxPlc):
             LadderError: The program contains a part that the engine does not support.
         """
         self._functions = ObservedFunctions(ladder)
+        self._kinds = [(each.name, is_contact(each), is_output(each)) for each in ladder.instructions]
         super().__init__(ladder, execution=lambda _: self._functions, **options)
 
     def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
@@ -107,19 +108,14 @@ class ObservedPlc(FxPlc):
         """The last scan, as executed."""
         records = self._functions.records
         powers, zones = tuple(records[POWER_RECORD]), records[ZONE_RECORD]
-        executed = tuple(
-            _executed(instruction.name, power, zone)
-            for instruction, power, zone in zip(self.ladder.instructions, powers, zones, strict=True)
-        )
-        contacts = tuple(
-            value if ran and is_contact(instruction) else None
-            for instruction, value, ran in zip(self.ladder.instructions, records[CONTACT_RECORD], executed, strict=True)
-        )
-        coils = tuple(
-            power if is_output(instruction) else None
-            for instruction, power in zip(self.ladder.instructions, powers, strict=True)
-        )
-        return ScanObservation(ObservedAt.AS_EXECUTED, executed, contacts, powers, coils)
+        executed, contacts, coils = [], [], []
+        rows = zip(self._kinds, records[CONTACT_RECORD], powers, zones, strict=True)
+        for (name, contact, output), value, power, zone in rows:
+            ran = _executed(name, power, zone)
+            executed.append(ran)
+            contacts.append(value if ran and contact else None)
+            coils.append(power if output else None)
+        return ScanObservation(ObservedAt.AS_EXECUTED, tuple(executed), tuple(contacts), powers, tuple(coils))
 
 
 _WITHOUT_RECORD: Final = frozenset({"NOP", "NEXT", "SRET", "IRET", "FEND", "END", "I"})

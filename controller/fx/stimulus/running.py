@@ -109,7 +109,7 @@ class StimulusRun(Saved):
 
     def put(self, values: Values) -> None:
         """Set device values: X at the terminals, all others in memory."""
-        _put(self.plc, self._levels, values)
+        put_values(self.plc, self._levels, values)
 
     def _terminals(self) -> list[bool]:
         if not self.held:
@@ -120,7 +120,7 @@ class StimulusRun(Saved):
         return levels
 
 
-def _put(plc: FxPlc, levels: list[bool], values: Values) -> None:
+def put_values(plc: FxPlc, levels: list[bool], values: Values) -> None:
     """Set device values: X at the terminals, all others in memory."""
     memory = plc.memory
     for place, value in values.items():

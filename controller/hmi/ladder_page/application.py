@@ -11,8 +11,7 @@ from typing import Final
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
-from starlette.routing import Mount, Route
-from starlette.staticfiles import StaticFiles
+from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from controller.common.errors import InputError
@@ -22,9 +21,16 @@ from controller.fx.observation.cross_reference import device_key
 from controller.fx.observation.observation import ObservedAt
 from controller.hmi.ladder_page.live_scan import LiveScan
 from controller.hmi.ladder_page.program import COLUMNS, MOST_RUNGS, Json
-from controller.hmi.ladder_page.source import NotConnectedError, NotReadyError, PageSource, ScanNotKeptError
+from controller.hmi.ladder_page.source import (
+    NotConnectedError,
+    NotReadyError,
+    PageSource,
+    ScanNotKeptError,
+    UnknownScanError,
+)
 from controller.hmi.ladder_page.texts import NOT_SERVED, TEXTS
 from controller.hmi.web.failures import counting
+from controller.hmi.web.files import static_routes
 from controller.hmi.web.guard import Guard
 from controller.program.texts.operator import Text
 
@@ -33,8 +39,8 @@ LONGEST_COMMAND: Final = 500
 """Longest command, bytes."""
 LONGEST_TEXT: Final = 100
 """Longest text of a search, characters."""
-MOST_DIFFERING: Final = 20
-"""Largest number of devices that are named as the reason why a scan is not shown as executed."""
+MOST_NAMED: Final = 20
+"""Largest number of devices or instructions that are named as the reason why a scan is not shown as executed."""
 VIEWS: Final = {"end": ObservedAt.END_VALUES, "executed": ObservedAt.AS_EXECUTED}
 
 
@@ -99,18 +105,17 @@ class LadderPage:
         return JSONResponse(self._look(seen, view, span))
 
     async def why(self, request: Request) -> Response:
-        """Return why a device is on or off after a scan of the recorded run, or at its position."""
+        """Return why a device is on or off after a scan; without a number, the last one or that of the position."""
         device = device_key(request.query_params.get("device", "")[:LONGEST_TEXT])
         scan = _number(request, "scan", range(2**32)) if "scan" in request.query_params else None
         if device is None:
             return _malformed("device")
-        run = self.source.recorded()
-        if run is None:  # the past of a live controller is not recorded
-            return JSONResponse({"available": False, "lines": []})
         try:
-            found = await run.explain(device, scan)
-        except NotReadyError:
+            found = await self.source.explain(device, scan)
+        except (NotReadyError, NotConnectedError):
             return JSONResponse({"available": False, "lines": []}, status_code=503)
+        except UnknownScanError as error:
+            return JSONResponse({"available": False, "lines": []} | _unknown(error.seen))
         except InputError as error:
             found = [WhySentence(Text(str(error), str(error)))]
         lines = [
@@ -141,13 +146,13 @@ class LadderPage:
 
     def _look(self, seen: LiveScan, view: ObservedAt, span: tuple[int, int]) -> Json:
         executed = view is ObservedAt.AS_EXECUTED
-        shown = seen.executed if executed and not seen.differing else None if executed else seen.end
+        shown = seen.known if executed else seen.end
         memory = seen.held.memory
         return self._program.states(*span, shown, memory) | {
             "scan": seen.held.number,
             "at_ms": seen.held.at_ms,
             "view": next(name for name, each in VIEWS.items() if each is view),
-            "differing": list(seen.differing[:MOST_DIFFERING]) if executed else [],
+            **(_unknown(seen) if executed else {"differing": [], "hidden": []}),
             "known": shown is not None,
             "active": self._program.active(memory),
         }
@@ -176,7 +181,7 @@ def application(page: LadderPage, names: Iterable[str]) -> ASGIApp:
 
     routes = [
         Route("/", index),
-        Mount("/static", StaticFiles(directory=STATIC)),
+        *static_routes(STATIC),
         Route("/api/describe", page.describe),
         Route("/api/rungs", page.rungs),
         Route("/api/charts/{name}", page.chart),
@@ -188,6 +193,11 @@ def application(page: LadderPage, names: Iterable[str]) -> ASGIApp:
     if page.source.recorded() is not None:  # nothing moves a live controller
         routes += [Route("/api/run", page.run), Route("/api/command", page.command, methods=["POST"])]
     return Guard(counting(Starlette(routes=routes, lifespan=lifespan)), names, NOT_SERVED)
+
+
+def _unknown(seen: LiveScan) -> Json:
+    """Return the reasons for which a scan is not known as executed."""
+    return {"differing": list(seen.differing[:MOST_NAMED]), "hidden": list(seen.hidden[:MOST_NAMED])}
 
 
 def _span(request: Request) -> tuple[int, int] | None:

@@ -9,17 +9,18 @@ rung that has not been executed for more than a scan has the level of its device
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Final
 
 from controller.core.devices import INITIAL_PULSE, Memory, device_name, timer_base_ms
 from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS
-from controller.fx.language.check import devices_of
 from controller.fx.language.instruction import Ladder
+from controller.fx.language.instruction_set import step_numbers
 from controller.fx.observation.device_use import device_uses
 from controller.fx.observation.end_values import EndValues
+from controller.fx.observation.hidden_state import has_hidden_state, stored_levels
 from controller.fx.observation.observation import ScanObservation
 from controller.fx.observation.observed_plc import ObservedPlc
 from controller.hmi.modbus.held_scan import HeldScan
@@ -38,16 +39,24 @@ class LiveScan:
         held: The scan.
         end: END values.
         executed: The scan as executed; None if too few scans were held, or a recomputed scan ends with an error.
-        differing: Names of the devices whose value at END differs from the recomputed one; only if there are none is
-            `executed` known to be the scan of the controller.
+        before: Devices with which it began, as far as it is known as executed.
+        differing: Names of the devices whose value at END differs from the recomputed one.
+        hidden: Instructions, with their program step, that depend on a state that no client can read.
         is_recomputed: Whether the scan was recomputed; without, `executed` is None.
     """
 
     held: HeldScan
     end: ScanObservation
     executed: ScanObservation | None
-    differing: tuple[str, ...]
+    before: Memory | None = None
+    differing: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
     is_recomputed: bool = True
+
+    @property
+    def known(self) -> ScanObservation | None:
+        """The scan as executed; None if it is not known to be the scan of the controller."""
+        return None if self.differing or self.hidden else self.executed
 
 
 class LiveScanObserver:
@@ -69,14 +78,21 @@ class LiveScanObserver:
         """
         self._end = EndValues(ladder)
         self._plc = ObservedPlc(ladder, input_filter_ms=0)
-        self._used = sorted(key for key in devices_of(ladder) if key[0] in "XYMSTCD" and key not in work)
-        written = {key for each in ladder.instructions for key, is_written in device_uses(each) if is_written}
+        uses = [use for each in ladder.instructions for use in device_uses(each)]
+        written = {key for key, is_written in uses if is_written}
+        self._used = sorted({key for key, _ in uses if key[0] in "XYMSTCD"} - set(work))
         self.devices = frozenset((*self._used, ("M", INITIAL_PULSE)))
-        self._given = [(kind, number) for kind, number in self._used if (kind, number) not in written]
+        self._given = [
+            (kind, number) for kind, number in self._used if number < _SPECIAL and (kind, number) not in written
+        ]
+        self._ladder = ladder
+        self._steps = step_numbers(ladder.instructions)
+        self._hidden = self._named(at for at, each in enumerate(ladder.instructions) if has_hidden_state(each))
+        self._stored = tuple(stored_levels(ladder))
 
     def end_values(self, held: HeldScan) -> LiveScan:
         """Return the END values of a scan."""
-        return LiveScan(held, self._end.observe(held.memory), None, (), is_recomputed=False)
+        return LiveScan(held, self._end.observe(held.memory), None, is_recomputed=False)
 
     def observe(self, held: Sequence[HeldScan]) -> LiveScan:
         """Return both views of a scan.
@@ -92,12 +108,22 @@ class LiveScanObserver:
         elif len(scans) == HELD_SCANS:
             scans.insert(0, scans[0])  # gives every pulse contact and PLS its level at END of the first scan
         else:
-            return LiveScan(scan, end, None, ())
+            return LiveScan(scan, end, None)
+        unknown = [] if scans[0].number == 0 else list(self._stored)
+        read: list[int] = []
         for index, (before, after) in enumerate(pairwise(scans)):
+            unknown = [at for at in unknown if at not in read]
             self._execute(before, after, follows=bool(index))
             if not self._plc.running:
-                return LiveScan(scan, end, None, ())
-        return LiveScan(scan, end, self._plc.observation, tuple(self._differing(scan.memory)))
+                return LiveScan(scan, end, None)
+            if before is not after:
+                read = [at for at in unknown if self._plc.was_executed(at)]
+        hidden = self._hidden + self._named(read)
+        differing = tuple(self._differing(scan.memory))
+        return LiveScan(scan, end, self._plc.observation, scans[-2].memory, differing, hidden)
+
+    def _named(self, instructions: Iterable[int]) -> tuple[str, ...]:
+        return tuple(f"{self._ladder.instructions[at]} ({self._steps[at]})" for at in instructions)
 
     def _execute(self, before: HeldScan, after: HeldScan, *, follows: bool) -> None:
         """Execute one scan from the memory before it.
@@ -123,8 +149,10 @@ class LiveScanObserver:
         memory = replace(known, **{row.name: list(getattr(known, row.name)) for row in fields(Memory)})
         memory.CE[:] = own.CE
         for kind in "MD":
-            special: list[int] = getattr(memory, kind)
-            special[_SPECIAL:] = getattr(own, kind)[_SPECIAL:]
+            special, own_special = getattr(memory, kind), getattr(own, kind)
+            for number in range(_SPECIAL, len(special)):
+                if (kind, number) not in self.devices:
+                    special[number] = own_special[number]
         for kind, number in self._given:
             if kind in "XYMSTC":
                 memory.bits(kind)[number] = after.bits(kind)[number]
@@ -144,8 +172,6 @@ class LiveScanObserver:
         own = self._plc.memory
         names: list[str] = []
         for kind, number in self._used:
-            if number >= _SPECIAL:
-                continue
             differs = kind != "D" and own.bits(kind)[number] != held.bits(kind)[number]
             if kind in _WORDS:
                 differs = differs or own.word(kind, number) != held.word(kind, number)

@@ -7,14 +7,19 @@ from collections import OrderedDict
 from collections.abc import Collection
 from typing import Final
 
+from controller.common.errors import InputError
 from controller.common.modbus.async_client import ModbusClientError
 from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.common.supervision.threads import in_thread
 from controller.core.clock import Clock
+from controller.core.devices import device_name
+from controller.debug.why.answer import WhySentence
+from controller.debug.why.single_scan import SingleScan, answer_of_scan
+from controller.fx.language.operand_rules import Key
 from controller.fx.observation.observation import ObservedAt
 from controller.hmi.ladder_page.live_scan import LiveScan, LiveScanObserver
 from controller.hmi.ladder_page.program import PageProgram
-from controller.hmi.ladder_page.source import NotConnectedError, NotReadyError, ScanNotKeptError
+from controller.hmi.ladder_page.source import NotConnectedError, NotReadyError, ScanNotKeptError, UnknownScanError
 from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.modbus.held_scan import HeldScanReader
 from controller.hmi.serving.snapshot import HELD_SCANS
@@ -99,6 +104,20 @@ class LiveSource:
         while len(self._kept) > KEPT_SCANS:
             self._kept.popitem(last=False)
         return seen
+
+    async def explain(self, device: Key, scan: int | None = None) -> list[WhySentence]:
+        """Return why a device is on or off after the last scan, or after a kept one, as far as this scan tells it."""
+        seen = await self.look(ObservedAt.AS_EXECUTED, scan)
+        if self._ready is None or device not in self._ready[0].devices:
+            raise InputError(f"{device_name(*device)}: the program does not use it")
+        if seen.known is None or seen.before is None:
+            raise UnknownScanError(seen)
+        one = SingleScan(seen.held.number, seen.held.at_ms, seen.before, seen.held.memory, seen.known)
+        async with self._lock:
+            return await in_thread("ladder page", self._explain, one, device)
+
+    def _explain(self, scan: SingleScan, device: Key) -> list[WhySentence]:
+        return list(answer_of_scan(scan, self.program.explained, device).lines())
 
     async def _read(self, scans: int) -> LiveScan:
         if self._ready is None:

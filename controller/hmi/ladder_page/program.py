@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, cached_property
 from typing import Any, Final
 
 from controller.core.devices import ANNUNCIATORS, Memory, device_name
+from controller.debug.why.program import ExplainedProgram
 from controller.fx.drawing.ladder import RungPictures
 from controller.fx.drawing.step_chart import draw_charts
 from controller.fx.language.instruction import DeviceOperand, Instruction
@@ -16,6 +17,7 @@ from controller.fx.observation.cross_reference import CrossReference, DeviceUse,
 from controller.fx.observation.device_use import device_uses
 from controller.fx.observation.flow import LadderFlow
 from controller.fx.observation.observation import ScanObservation
+from controller.fx.observation.why import Reasons
 from controller.program.texts.operator import Text
 
 Json = dict[str, Any]
@@ -44,6 +46,7 @@ class PageProgram:
         reference: CrossReference,
         texts: Mapping[str, Sequence[str]] | None = None,
         alarms: Iterable[tuple[Key, Text]] = (),
+        explained: Callable[[], ExplainedProgram] | None = None,
     ) -> None:
         """Prepare a program.
 
@@ -52,11 +55,13 @@ class PageProgram:
             reference: Index of the program.
             texts: Further texts of devices, as given to `reference`.
             alarms: Alarms with their texts; if there are none, all annunciators that the program writes.
+            explained: Function that returns the program for questions; None = without knowledge of a machine.
         """
         self.name = name
         self.reference = reference
         self.ladder = reference.ladder
         self._texts = texts or {}
+        self._explained = explained
         self._flow = LadderFlow(self.ladder, reference.rungs)
         self._pictures = cache(self._pictures_of)
         self._alarms = [(key, text) for key, text in alarms if reference.device(key).uses]
@@ -65,6 +70,13 @@ class PageProgram:
             self._alarms = [(key, self._text(key)) for key in written if key[0] == "S" and key[1] in ANNUNCIATORS]
         self._outputs = [key for key in written if key[0] == "Y"]
         self._states = [key for key in written if key[0] == "S" and key[1] not in ANNUNCIATORS]
+
+    @cached_property
+    def explained(self) -> ExplainedProgram:
+        """The program for questions why a device is on or off; the conditions are read when it is first used."""
+        if self._explained is not None:
+            return self._explained()
+        return ExplainedProgram(self.reference, Reasons(self.ladder))
 
     def description(self, columns: int) -> Json:
         """Return what does not change from scan to scan, without the rungs.

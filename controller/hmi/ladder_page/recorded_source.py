@@ -79,7 +79,10 @@ class RecordedSource:
             return await in_thread("ladder page", self._explain, device, scan)
 
     async def state(self) -> dict[str, Any]:
-        """Return the position, the length of the run and of its branch, and the marks of the slider."""
+        """Return the position, the length of the run and of its branch, and the marks of the slider.
+
+        Within a scan, the position is after the scan before it, and before a rung of the next one.
+        """
         async with self._lock:
             return await in_thread("ladder page", self._state)
 
@@ -95,7 +98,7 @@ class RecordedSource:
         at_ms, executed = line.machine.now_ms, line.machine.observer.observe(line, number)
         line.seek(number)
         held = HeldScan(number, at_ms, copied(line.machine.memory))
-        seen = LiveScan(held, self._end.observe(held.memory), executed.seen, executed.differing)
+        seen = LiveScan(held, self._end.observe(held.memory), executed.seen, differing=executed.differing)
         self._latest = line, seen
         return seen
 
@@ -106,8 +109,10 @@ class RecordedSource:
 
     def _state(self) -> dict[str, Any]:
         debugger, branched = self.debugger, self.debugger.branched
+        scan, at = debugger.position
         return {
-            "scan": debugger.scan,
+            "scan": scan,
+            "rung": None if at is None else debugger.stepper.reference.rung_at(at),
             "track": "recorded" if debugger.line is debugger.recorded else "branch",
             "first": debugger.recorded.first + 1,
             "last": debugger.recorded.last,
@@ -131,8 +136,8 @@ def _marks(line: RunTimeline) -> list[dict[str, Any]]:
     begun_ms = line.machine.now_ms
     line.seek(line.last)
     length_ms = max(1, line.machine.now_ms - begun_ms)
-    for at_ms, text in line.machine.events():
-        scan = line.first + 1 + (at_ms - begun_ms) * (line.last - line.first) // length_ms
+    for event in line.machine.events():
+        scan = line.first + 1 + (event.at_ms - begun_ms) * (line.last - line.first) // length_ms
         if line.first < scan <= line.last:
-            marks.append({"scan": scan, "kind": text.split()[0], "text": text})
+            marks.append({"scan": scan, "kind": event.kind, "text": event.text})
     return sorted(marks, key=lambda mark: mark["scan"])

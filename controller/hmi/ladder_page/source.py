@@ -24,6 +24,19 @@ class ScanNotKeptError(InputError):
     """Raised for a scan that is not available, or no longer."""
 
 
+class UnknownScanError(Exception):
+    """Raised for a scan that is not known as executed.
+
+    Attributes:
+        seen: The scan.
+    """
+
+    def __init__(self, seen: LiveScan) -> None:
+        """Take the scan."""
+        super().__init__(f"scan {seen.held.number} is not known as executed")
+        self.seen = seen
+
+
 class RunAccess(Protocol):
     """Recorded run with a position, which the commands of the debugger move."""
 
@@ -32,14 +45,6 @@ class RunAccess(Protocol):
 
         Raises:
             InputError: The command is invalid.
-        """
-
-    async def explain(self, device: Key, scan: int | None = None) -> list[WhySentence]:
-        """Return why a device is on or off after a scan; None = at the position.
-
-        Raises:
-            NotReadyError: The program is being translated.
-            InputError: The device or the scan cannot be asked about; the message is one line.
         """
 
     async def state(self) -> dict[str, Any]:
@@ -76,6 +81,20 @@ class PageSource(Protocol):
         Raises:
             NotReadyError: The program is being translated.
             NotConnectedError: The controller does not respond.
+        """
+
+    async def explain(self, device: Key, scan: int | None = None) -> list[WhySentence]:
+        """Return why a device is on or off after a scan.
+
+        Args:
+            device: The device.
+            scan: Number of the scan; None = the last one, or that at the position in a recorded run.
+
+        Raises:
+            NotReadyError: The program is being translated.
+            NotConnectedError: The controller does not respond.
+            InputError: The device or the scan cannot be asked about; the message is one line.
+            UnknownScanError: The scan is not known as executed.
         """
 
     def recorded(self) -> RunAccess | None:

@@ -29,6 +29,11 @@ _TEXTS: Final = {
         "This scan cannot be shown as executed, because these devices were written during it: {devices}",
         "无法显示此扫描执行时的值，以下软元件在扫描中被写入：{devices}",
     ),
+    "hidden": Text(
+        "This scan cannot be shown as executed, because no client can read a state of these instructions (step):"
+        " {instructions}",
+        "无法显示此扫描执行时的值，以下指令（步）的内部状态无法读取：{instructions}",
+    ),
     "few": Text(
         "This scan cannot be shown as executed: fewer than three scans are known",
         "无法显示此扫描执行时的值：已知的扫描不足三个",

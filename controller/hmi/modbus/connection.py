@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import Final
 
 from controller.common.modbus.async_client import AsyncTcpClient, ModbusClientError
 from controller.common.modbus.bits import levels_of
@@ -19,13 +20,17 @@ from controller.common.modbus.client_requests import (
     write_registers,
 )
 from controller.common.modbus.io_map import ModbusTable
+from controller.io.scan_writes import NO_SCAN_LIMIT_S
+
+ANSWER_LIMIT_S: Final = NO_SCAN_LIMIT_S + 0.8
+"""Longest wait for an answer, s: the controller says that it has withdrawn a write, on a busy computer later."""
 
 
 class ModbusConnection:
     """Connection to a Modbus server, opened by the first request; for use in one event loop."""
 
     def __init__(
-        self, host: str, port: int, *, timeout_s: float = 0.25, introduction: ModbusRequest | None = None
+        self, host: str, port: int, *, timeout_s: float = ANSWER_LIMIT_S, introduction: ModbusRequest | None = None
     ) -> None:
         """Initialise the connection without opening it.
 

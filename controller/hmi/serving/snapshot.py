@@ -6,6 +6,7 @@ that all its requests refer to the same scan.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Final
 
@@ -39,7 +40,7 @@ class Snapshot:
 
 
 def snapshot_of(memory: Memory, at_ms: int, scans: int) -> Snapshot:
-    """Return a copy of the memory of a PLC.
+    """Return a copy of the memory of a PLC; the rows of a machine program remain as they are, and slices are lists.
 
     Args:
         memory: All devices.
@@ -47,14 +48,14 @@ def snapshot_of(memory: Memory, at_ms: int, scans: int) -> Snapshot:
         scans: Number of completed scans.
     """
     bits = {
-        "X": memory.X.copy(),
-        "Y": memory.Y.copy(),
-        "M": memory.M.copy(),
-        "S": memory.S.copy(),
-        "T": memory.T.copy(),
-        "C": memory.C.copy(),
+        "X": copy(memory.X),
+        "Y": copy(memory.Y),
+        "M": copy(memory.M),
+        "S": copy(memory.S),
+        "T": copy(memory.T),
+        "C": copy(memory.C),
     }
-    return Snapshot(at_ms, scans, bits, {"D": memory.D.copy(), "TN": memory.TV.copy(), "CN": memory.CV.copy()})
+    return Snapshot(at_ms, scans, bits, {"D": copy(memory.D), "TN": copy(memory.TV), "CN": copy(memory.CV)})
 
 
 class Snapshots:

@@ -2,7 +2,8 @@
 
 X0 homes and starts, and X24 stops, when the button is pressed. Clearing, answering and X26 act when a press ends: a
 broken wire of the normally closed X24 and a welded contact look like a press that does not end, and must clear and
-answer nothing. A contact that stays closed for `STUCK_MS` raises an alarm and has no effect until it opens. Levels that
+answer nothing. A contact that stays closed for `STUCK_MS` raises an alarm and has no effect until it opens. A press
+during which the guard is open answers nothing, because whoever is behind it can change what is asked about. Levels that
 replace unknown inputs while the field link is lost are no presses.
 """
 
@@ -56,8 +57,8 @@ def release_rungs(tags: Tags, changed: Expr) -> list[Rung]:
     return [
         Set(clear, when=machine.stop_button & aborted),
         Rst(clear, when=_void(tags, stop) | x.start | machine.abort | ~aborted),
-        Rst(yes, when=_void(tags, start) | x.stop | changed),
-        Rst(no, when=_void(tags, stop) | x.start | changed),
+        Rst(yes, when=any_of(_void(tags, start), x.stop, x.guard_open, changed)),
+        Rst(no, when=any_of(_void(tags, stop), x.start, x.guard_open, changed)),
         Out(machine.yes_due, when=yes & _lasts(start, ANSWER_PRESS_MS)),
         Out(machine.no_due, when=no & _lasts(stop, ANSWER_PRESS_MS)),
         Out(machine.clear_due, when=clear & _lasts(stop, CLEAR_PRESS_MS)),

@@ -176,6 +176,7 @@ def _of_guard(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Expr
     working = _one_of(tags.machine.state, {*MOVING, State.IDLE} - {State.STOPPING})
     yield "an open guard ends all steps", _implies(waits, ~any_of(*steps))
     yield "after an open guard, the machine waits for an order", _implies(waits, ~working)
+    yield from safety.guarded_presses.records()
 
 
 def _of_warning(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Expr]]:

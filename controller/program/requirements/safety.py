@@ -21,7 +21,7 @@ from controller.program.operator.commands import JOGGED
 from controller.program.requirements.counts import CountMonitor
 from controller.program.requirements.declaration import DeclarationMonitor
 from controller.program.requirements.positions import PositionMonitor
-from controller.program.requirements.safeguards import guarded, warned
+from controller.program.requirements.safeguards import GuardedPressMonitor, guarded, warned
 from controller.program.states import Mode, State
 from controller.program.tags import FIRST_SCAN, FULL, IN_PLACE, MOVING_OUT, ROWS, SIDES, TAKEN, ArmTags, Side, Tags
 
@@ -204,13 +204,15 @@ class Safety:
         self.arms = {side: ArmMonitor(tags, side, program.cycles[side]) for side in SIDES}
         self.machine = MachineMonitor(tags, busy)
         self.declaration = DeclarationMonitor(tags)
+        self.guarded_presses = GuardedPressMonitor(tags)
         rungs = [*(rung for arm in self.arms.values() for rung in arm.rungs()), *self.machine.rungs()]
-        self.monitors = Block("monitors", (*rungs, *self.declaration.rungs()))
+        self.monitors = Block("monitors", (*rungs, *self.declaration.rungs(), *self.guarded_presses.rungs()))
         self.requirements = (
             *(each for side in SIDES for each in _of_arm(tags, side, self.arms, any_of(*alarms.of_side(side)))),
             *(each for arm in self.arms.values() for each in arm.counts.requirements()),
             *_of_machine(tags, self.arms, self.machine, alarms.tray_jam | alarms.tray_lost),
             *self.declaration.requirements(),
+            *self.guarded_presses.requirements(),
         )
 
     @property

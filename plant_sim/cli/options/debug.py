@@ -12,7 +12,9 @@ from plant_sim.cli.options.shared import (
     add_ending_arguments,
     add_fault_arguments,
     add_frequency_argument,
+    add_ladder_arguments,
     add_machine_arguments,
+    add_set_point_argument,
 )
 
 LONGEST = 1_000_000
@@ -21,6 +23,7 @@ LONGEST = 1_000_000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``debug``."""
     add_machine_arguments(parser)
+    add_ladder_arguments(parser)
     add_debugger_arguments(parser)
     parser.add_argument(
         "--length",
@@ -31,5 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_frequency_argument(parser)
     add_air_argument(parser)
+    add_set_point_argument(parser)
     add_fault_arguments(parser)
     add_ending_arguments(parser)

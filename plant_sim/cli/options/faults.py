@@ -59,5 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="vent slides and lifts, let them leak, and free jams, with every remedy, instead of the faults",
     )
+    parser.add_argument(
+        "--yield-inputs",
+        action="store_true",
+        help="run without and with the yield inputs, add their own faults, and compare (docs/fault-matrix.md)",
+    )
     parser.add_argument("--jobs", type=integer(1, 1_000), default=os.cpu_count() or 1, help="parallel processes")
     parser.add_argument("--out", type=Path, default=None, metavar="DIR", help="folder for the table, CSV and JSON")

@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Final
 
+from controller.cli.fx_options import PROGRAM_FILE, add_cpu, add_modules
+from controller.cli.machine import add_set_points
 from controller.common.arguments.number_type import PORT, integer, number
 from controller.iomap.loader import DEFAULT_IO_MAP
 from plant_sim.common.capacity import MOST_TRAYS
@@ -50,6 +52,24 @@ def add_air_argument(parser: argparse.ArgumentParser) -> None:
         help="air in slides and lifts at the start, as a share of the main pressure, e.g. 30%%; replaces "
         "start.chamber_share of the machine",
     )
+
+
+def add_ladder_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options for an FX program in place of the controller; `check_program` checks them."""
+    parser.add_argument(
+        "--ladder",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help=f"{PROGRAM_FILE}, that replaces the controller",
+    )
+    add_cpu(parser)
+    add_modules(parser)
+
+
+def add_set_point_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option for initial values of set-points; `start_values_of` reads it."""
+    add_set_points(parser, example="settle=30")
 
 
 def add_fault_arguments(parser: argparse.ArgumentParser) -> None:

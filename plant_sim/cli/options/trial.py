@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from controller.cli.fx_options import PROGRAM_FILE, add_cpu, add_modules
 from controller.common.arguments.number_type import integer
 from plant_sim.cli.options.shared import (
     add_air_argument,
     add_ending_arguments,
     add_fault_arguments,
     add_frequency_argument,
+    add_ladder_arguments,
     add_machine_arguments,
     add_out_argument,
     add_record_argument,
+    add_set_point_argument,
 )
 from plant_sim.common.capacity import MOST_SEEDLINGS
 
@@ -43,15 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help="number of trials, with consecutive seeds from --seed",
     )
-    parser.add_argument(
-        "--ladder",
-        type=Path,
-        default=None,
-        metavar="FILE",
-        help=f"{PROGRAM_FILE}, that replaces the controller",
-    )
-    add_cpu(parser)
-    add_modules(parser)
+    add_ladder_arguments(parser)
     parser.add_argument(
         "--scan-ms",
         type=integer(1, LONGEST_SCAN_MS),
@@ -80,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_frequency_argument(parser)
     add_air_argument(parser)
+    add_set_point_argument(parser)
     add_fault_arguments(parser)
     add_ending_arguments(parser)
     add_record_argument(parser)

@@ -15,7 +15,7 @@ from plant_sim.cli.study.progress import study_progress
 from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.common.provenance.result_files import with_provenance
-from plant_sim.machine.parameters import load_machine
+from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.study.errors import StudyError
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
                 provenance=provenance,
             ),
         )
-    sys.stdout.write(_json(options, result, provenance) if options.json else _text(options, result))
+    sys.stdout.write(_json(options, result, provenance, machine) if options.json else _text(options, result, machine))
     return 0
 
 
@@ -89,10 +89,14 @@ def _notice(text: str) -> None:
     sys.stderr.flush()
 
 
-def _text(options: argparse.Namespace, result: CampaignResult) -> str:
+def _text(options: argparse.Namespace, result: CampaignResult, machine: Machine) -> str:
+    from plant_sim.study.report.origin import origin_parts  # noqa: PLC0415
+
+    origin = "\n".join(origin_parts(machine, options.machine))
     stored = result.runs - result.computed
     incomplete = f"{result.incomplete} trials did not complete and have no rates"
     return (
+        f"{origin}\n"
         f"{result.runs} runs in {result.files} files in {options.out / 'runs'}: {result.computed} computed now, "
         f"{stored} stored before\n"
         f"{incomplete if result.incomplete else 'all trials completed'}\n"
@@ -100,8 +104,12 @@ def _text(options: argparse.Namespace, result: CampaignResult) -> str:
     )
 
 
-def _json(options: argparse.Namespace, result: CampaignResult, provenance: Provenance) -> str:
+def _json(options: argparse.Namespace, result: CampaignResult, provenance: Provenance, machine: Machine) -> str:
+    from plant_sim.study.report.origin import changed_keys, origin_parts  # noqa: PLC0415
+
     record = {
+        "origin": origin_parts(machine, options.machine),
+        "changed_parameters": changed_keys(machine),
         "campaign": str(options.file),
         "folder": str(options.out / "runs"),
         "version": result.version,

@@ -7,7 +7,21 @@ from typing import Final
 
 from controller.common.arguments.number_type import integer, number
 
-ANALYSE: Final = ("response", "counts", "total", "factors", "blocks", "whole_plots", "hard", "best", "model", "link")
+ANALYSE: Final = (
+    *(
+        "response",
+        "counts",
+        "total",
+        "factors",
+        "categorical",
+        "blocks",
+        "whole_plots",
+        "hard",
+        "best",
+        "model",
+        "link",
+    ),
+)
 """Options of ``analyse``, as attributes."""
 PLAN: Final = (
     *("difference", "power", "correlation", "design", "factors", "blocks", "centres", "axial", "sd", "effect"),
@@ -29,6 +43,11 @@ def add_experiment_arguments(parser: argparse.ArgumentParser) -> None:
         "--factors",
         metavar="LIST",
         help="with analyse: columns, separated by commas; with plan: ranges, e.g. 'foam (mm)=8..16, age (d)=45..55'",
+    )
+    parser.add_argument(
+        "--categorical",
+        metavar="LIST",
+        help="with analyse: factors whose levels are names, if these are numbers, such as types 1, 2, 3",
     )
     parser.add_argument(
         "--blocks",

@@ -28,6 +28,7 @@ def analyse(options: argparse.Namespace) -> Study:
         counts=options.counts,
         total=options.total,
         factors=None if options.factors is None else _listed(options.factors),
+        categorical=_listed(options.categorical),
         blocks=None if options.blocks is None else _listed(options.blocks) if options.blocks != "none" else (),
         whole_plots=options.whole_plots,
         hard=_listed(options.hard),

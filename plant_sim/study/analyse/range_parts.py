@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.common.document.parts import Cell, Heading, Part, Table
 from plant_sim.study.analyse.model import TrialModel
@@ -23,11 +24,12 @@ def range_parts(trials: Trials, model: TrialModel | None) -> list[Part]:
     """
     if not _has_ranges(trials):
         return []
-    found = ranges(_natural(trials), trials.response, is_high_best=trials.best == "high")
+    found = ranges(_levels(trials), trials.response, is_high_best=trials.best == "high")
     sd, degrees = _error(trials, model)
     most = max(len(each.levels) for each in found)
+    names = (*(factor.label for factor in trials.factors), *(kind.name for kind in trials.kinds))
     rows: list[tuple[Cell, ...]] = []
-    for number, (factor, each) in enumerate(zip(trials.factors, found, strict=True), 1):
+    for number, (name, each) in enumerate(zip(names, found, strict=True), 1):
         blank: tuple[Cell, ...] = (None,) * (most - len(each.levels))
         chance = (
             None
@@ -37,14 +39,14 @@ def range_parts(trials: Trials, model: TrialModel | None) -> list[Part]:
         rows.append(
             (
                 f"X{number}",
-                factor.label,
+                name,
                 *each.sums,
                 *blank,
                 *each.means,
                 *blank,
                 each.value,
                 chance,
-                f"{each.best:.6g}",
+                _level_text(trials, number - 1, each.best),
             )
         )
     heading = (
@@ -53,9 +55,10 @@ def range_parts(trials: Trials, model: TrialModel | None) -> list[Part]:
         *("R", "R by chance", "best level"),
     )
     order = " > ".join(f"X{number}" for number in order_of_influence(found))
+    units = [*(factor.unit for factor in trials.factors), *("-" for _ in trials.kinds)]
     combination = ", ".join(
-        f"{factor.name} {each.best:.6g}{'' if factor.unit == '-' else f' {factor.unit}'}"
-        for factor, each in zip(trials.factors, found, strict=True)
+        f"{name} {_level_text(trials, number, each.best)}{'' if unit == '-' else f' {unit}'}"
+        for number, (name, unit, each) in enumerate(zip(trials.names, units, found, strict=True))
     )
     parts: list[Part] = [
         Heading("Range analysis (极差分析), descriptive"),
@@ -64,7 +67,8 @@ def range_parts(trials: Trials, model: TrialModel | None) -> list[Part]:
         "if the factors do not interact.",
         Table(
             "ranges",
-            f"Range analysis of {trials.label}: K sum and k mean of each level, ascending; R highest less lowest k",
+            f"Range analysis of {trials.label}: K sum and k mean of each level, ascending, "
+            "names in the order of the table of factors; R highest less lowest k",
             heading,
             tuple(rows),
         ),
@@ -85,30 +89,49 @@ def range_record(trials: Trials) -> dict[str, object] | None:
     """Return the record of the range analysis; None if the trials are not an orthogonal array."""
     if not _has_ranges(trials):
         return None
-    found = ranges(_natural(trials), trials.response, is_high_best=trials.best == "high")
+    found = ranges(_levels(trials), trials.response, is_high_best=trials.best == "high")
     return {
         "order": order_of_influence(found),
         "factors": [
-            {"levels": each.levels, "K": each.sums, "k": each.means, "R": each.value, "best": each.best}
-            for each in found
+            {
+                "levels": [_level(trials, number, level) for level in each.levels],
+                "K": each.sums,
+                "k": each.means,
+                "R": each.value,
+                "best": _level(trials, number, each.best),
+            }
+            for number, each in enumerate(found)
         ],
     }
 
 
-def _natural(trials: Trials) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """Return the levels in natural units without the rounding errors of coding and decoding."""
-    return np.array([[float(f"{level:.9g}") for level in point] for point in to_natural(trials.factors, trials.coded)])
+def _levels(trials: Trials) -> NDArray[np.float64]:
+    """Return the levels of all factors: natural units without the rounding errors of coding; numbers of the names."""
+    natural = to_natural(trials.factors, trials.coded)
+    rounded = np.array([float(f"{level:.9g}") for level in natural.ravel()]).reshape(natural.shape)
+    return np.column_stack([rounded, *(each.codes for each in trials.kinds)])
+
+
+def _level(trials: Trials, number: int, level: float) -> float | str:
+    """Return a level of a factor, by its number from 0, for the record."""
+    return level if number < len(trials.factors) else _level_text(trials, number, level)
+
+
+def _level_text(trials: Trials, number: int, level: float) -> str:
+    """Return a level of a factor, by its number from 0."""
+    kind = number - len(trials.factors)
+    return f"{level:.6g}" if kind < 0 else trials.kinds[kind].labels[int(level)]
 
 
 def _has_ranges(trials: Trials) -> bool:
-    points = _natural(trials)
+    points = _levels(trials)
     few = all(len(np.unique(column)) <= _MOST_LEVELS for column in points.T)
-    return few and len(trials.factors) > 1 and is_orthogonal_array(points)
+    return few and len(trials.names) > 1 and is_orthogonal_array(points)
 
 
 def _error(trials: Trials, model: TrialModel | None) -> tuple[float | None, int]:
     """Return the SD of a trial and its degrees of freedom: of repeated trials, otherwise of the residual."""
-    groups = point_numbers(trials.coded)
+    groups = point_numbers(trials.columns)
     counts = np.bincount(groups)
     degrees = len(groups) - len(counts)
     if degrees > 0:

@@ -9,6 +9,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.study.analyse.kinds import MOST_LABELS, KindFactor, read_kind
 from plant_sim.study.analyse.table import TrialColumn, TrialTable
 from plant_sim.study.doe.block_columns import block_columns
 from plant_sim.study.doe.design import Factor, to_coded
@@ -39,6 +40,7 @@ class RoleOptions:
         counts: Column of counted seedlings.
         total: Column with the seedlings of each trial, or their number.
         factors: Columns of factors.
+        categorical: Factors whose levels are names, also if these are numbers.
         blocks: Columns of blocks; empty for none.
         whole_plots: Column that numbers the whole plots, in each of which the factors hard to change stay the same.
         hard: Factors hard to change, if no column numbers their whole plots.
@@ -49,6 +51,7 @@ class RoleOptions:
     counts: str | None = None
     total: str | None = None
     factors: tuple[str, ...] | None = None
+    categorical: tuple[str, ...] = ()
     blocks: tuple[str, ...] | None = None
     whole_plots: str | None = None
     hard: tuple[str, ...] = ()
@@ -61,8 +64,9 @@ class Trials:
 
     Attributes:
         table: Table.
-        factors: Coding of each factor.
-        coded: Coded levels, trials x factors.
+        factors: Coding of each numeric factor, numbered from 1.
+        kinds: Categorical factors, numbered after the numeric ones.
+        coded: Coded levels, trials x numeric factors.
         label: Response and its unit.
         response: Response of each trial: the value, or the share of counted seedlings, %.
         counts: Counted seedlings of each trial; None for a value.
@@ -76,6 +80,7 @@ class Trials:
 
     table: TrialTable
     factors: tuple[Factor, ...]
+    kinds: tuple[KindFactor, ...]
     coded: NDArray[np.float64]
     label: str
     response: NDArray[np.float64]
@@ -86,6 +91,28 @@ class Trials:
     hard: tuple[int, ...]
     best: Best
     roles: str
+
+    @property
+    def columns(self) -> NDArray[np.float64]:
+        """Columns of all factors for the model matrix: coded levels, then those of the categorical factors."""
+        return np.hstack([self.coded, *(each.columns for each in self.kinds)])
+
+    @property
+    def owners(self) -> tuple[int, ...]:
+        """Number of the factor of each of the `columns`."""
+        numeric = len(self.factors)
+        kinds = (number for number, each in enumerate(self.kinds, numeric + 1) for _ in range(each.columns.shape[1]))
+        return (*range(1, numeric + 1), *kinds)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all factors, in the order of their numbers."""
+        return (*(each.name for each in self.factors), *(each.name for each in self.kinds))
+
+    @property
+    def codes(self) -> NDArray[np.float64]:
+        """Levels of all factors as numbers, trials x factors: coded, or the number of the level."""
+        return np.column_stack([self.coded, *(each.codes for each in self.kinds)])
 
     @property
     def block_columns(self) -> NDArray[np.float64]:
@@ -116,8 +143,12 @@ def assign(table: TrialTable, options: RoleOptions) -> Trials:
     columns = [table.column(name, "--factors") for name in options.factors or ()]
     if not 1 <= len(columns) <= _MOST_FACTORS:
         raise StudyError(f"--factors: {len(columns)} factors; name 1 to {_MOST_FACTORS} columns of {table.path}")
-    levels = np.column_stack([table.numbers(each) for each in columns])
-    factors = tuple(_coding(table, each, own) for each, own in zip(columns, levels.T, strict=True))
+    named = _categorical(table, columns, options)
+    numeric = [each for each in columns if each.name not in named and table.is_numeric(each)]
+    kinds = tuple(read_kind(table, each, is_named=each.name in named) for each in columns if each not in numeric)
+    levels = np.array([table.numbers(each) for each in numeric]).reshape(len(numeric), len(table.lines)).T
+    factors = tuple(_coding(table, each, own) for each, own in zip(numeric, levels.T, strict=True))
+    columns = [*numeric, *(each for each in columns if each not in numeric)]
     blocks = {
         each.name: tuple(table.texts(each))
         for each in (table.column(name, "--blocks") for name in options.blocks or ())
@@ -137,6 +168,7 @@ def assign(table: TrialTable, options: RoleOptions) -> Trials:
     return Trials(
         table=table,
         factors=factors,
+        kinds=kinds,
         coded=to_coded(factors, levels),
         label=label,
         response=response,
@@ -144,7 +176,7 @@ def assign(table: TrialTable, options: RoleOptions) -> Trials:
         totals=totals,
         blocks=blocks,
         plots=plots,
-        hard=_hard(table, columns, levels, plots, options),
+        hard=_hard(table, columns, np.column_stack([levels, *(each.codes for each in kinds)]), plots, options),
         best=options.best or ("high" if options.counts is None else "low"),
         roles=_sentence(table, options, guessed),
     )
@@ -203,7 +235,18 @@ def _has_word(column: TrialColumn, words: Sequence[str]) -> bool:
 
 
 def _varies(table: TrialTable, column: TrialColumn) -> bool:
-    return table.is_numeric(column) and len(set(column.cells)) > 1
+    """Return whether a column is probably a factor: numbers, or a few names that are repeated."""
+    distinct = len(set(column.cells))
+    return distinct > 1 and (table.is_numeric(column) or distinct <= min(MOST_LABELS, len(column.cells) // 2))
+
+
+def _categorical(table: TrialTable, columns: Sequence[TrialColumn], options: RoleOptions) -> tuple[str, ...]:
+    """Return the names of the factors that the user says are categorical."""
+    names = tuple(table.column(name, "--categorical").name for name in options.categorical)
+    for name in names:
+        if name not in [each.name for each in columns]:
+            raise StudyError(f"--categorical {name}: is not a factor; name it with --factors, too")
+    return names
 
 
 def _stays(factor: TrialColumn, groups: Sequence[str]) -> bool:
@@ -288,7 +331,7 @@ def _sentence(table: TrialTable, options: RoleOptions, guessed: bool) -> str:
         listed.append(f"not used: {', '.join(unused)}")
     how = (
         "Roles of the columns, guessed from their headings (change them with --counts, --total, --response, --factors, "
-        "--blocks, --whole-plots)"
+        "--categorical, --blocks, --whole-plots)"
         if guessed
         else "Roles of the columns, as given"
     )

@@ -109,9 +109,14 @@ class TrialTable:
         return StudyError(f"{self.path}:{line}: column {name}: {problem}")
 
     def is_numeric(self, column: TrialColumn) -> bool:
-        """Return whether most cells of a column are numbers or missing; the others are then typing errors."""
-        numeric = sum(_NUMBER.fullmatch(cell) is not None or cell.lower() in _MISSING for cell in column.cells)
+        """Return whether most cells of a column are numbers, mistyped or missing; the others are then typing errors."""
+        numeric = sum(_is_meant_as_number(cell) or cell.lower() in _MISSING for cell in column.cells)
         return 2 * numeric > len(column.cells)
+
+    @staticmethod
+    def is_number(cell: str) -> bool:
+        """Return whether a cell is a number."""
+        return _NUMBER.fullmatch(cell) is not None
 
     def _number(self, line: int, column: TrialColumn, cell: str) -> float:
         if _NUMBER.fullmatch(cell):
@@ -150,7 +155,20 @@ def _complaint(cell: str) -> str:
         return f"{cell!r} has a letter in place of a digit; write {digits}"
     if cell.endswith("%") and _NUMBER.fullmatch(cell[:-1].strip()):
         return f"{cell!r} has a unit; write {cell[:-1].strip()} and the unit in the heading, as in S (%)"
-    return f"{cell!r} is not a number; correct it, or number the kinds 1, 2, ..."
+    return f"{cell!r} is not a number; correct it, or name a factor of names with --categorical"
+
+
+def _is_meant_as_number(cell: str) -> bool:
+    """Return whether a cell is a number, also one that `_complaint` would correct.
+
+    >>> [_is_meant_as_number(cell) for cell in ("1.5", "1,5", "１２", "l6", "92%", "=A1+1", "K326", "II")]
+    [True, True, True, True, True, True, False, False]
+    """
+    if cell.startswith((*_FORMULA, "-")):
+        return True
+    narrow = unicodedata.normalize("NFKC", cell).removesuffix("%").strip().replace(",", ".")
+    has_digit = any(character.isdigit() for character in narrow)
+    return has_digit and _NUMBER.fullmatch(narrow.translate(_LETTERS_FOR_DIGITS)) is not None
 
 
 def read_table(path: Path) -> TrialTable:

@@ -14,7 +14,7 @@ from plant_sim.study.doe.irls import Link
 from plant_sim.study.doe.regression import fit, terms
 from plant_sim.study.doe.weighted import Model, WeightedFit, weighted_fit
 from plant_sim.study.errors import StudyError
-from plant_sim.study.estimates import ROWS_FAIL_TOGETHER, SHARE_OF, Estimate, estimate, numbers
+from plant_sim.study.estimates import BY_SCATTER, SHARE_OF, Estimate, IntervalBasis, estimate, numbers
 from plant_sim.study.factors import ratings_exceeded
 from plant_sim.study.report.fit_parts import (
     SHARE_LIMITS,
@@ -50,13 +50,18 @@ def custom_study(custom: CustomStudy, options: RunOptions) -> Study:
     """
     options = dataclasses.replace(options, trials=custom.replicates, seed=custom.seed, seedlings=custom.seedlings)
     reports = options.run(custom.settings)
-    estimates = {name: [estimate(name, trials) for trials in reports] for name in custom.responses}
+    basis = IntervalBasis.of(reports) if any(name in SHARE_OF for name in custom.responses) else None
+    is_binomial = basis is None or basis.is_binomial
+    estimates = {
+        name: [estimate(name, trials, is_binomial=is_binomial) for trials in reports] for name in custom.responses
+    }
     fits = {name: _fitted(custom, name, reports) for name in custom.responses}
     models = {name: each for name, each in fits.items() if isinstance(each, Model)}
     parts: list[Part] = [
+        *origin_parts(options.machine, options.machine_file),
         *_about(custom, options),
-        *origin_parts(options.machine),
         *_cautions(custom, options, reports),
+        *([] if basis is None else [basis.text(BY_SCATTER)]),
         *(doubt for name, model in models.items() for doubt in doubts(name, model, is_simulated=True)),
         Heading("Runs"),
         _runs(custom, estimates),
@@ -68,10 +73,11 @@ def custom_study(custom: CustomStudy, options: RunOptions) -> Study:
         "seed": options.seed,
         "trials_per_run": options.trials,
         "seedlings": custom.seedlings,
+        "intervals": None if basis is None else basis.record(),
         "runs": _run_records(custom, estimates, reports),
     }
     for name, model in fits.items():
-        parts += _response_parts(custom, name, estimates[name], model)
+        parts += _response_parts(custom, name, estimates[name], model, basis)
     if custom.model != "none":
         record["models"] = {name: fit_record(model) for name, model in models.items()}
     return Study(custom.name, custom.title, options.command("own", custom.path), tuple(parts), record)
@@ -120,8 +126,6 @@ def _cautions(custom: CustomStudy, options: RunOptions, reports: Sequence[Sequen
             f"Outside the range tested in the pepper paper; the behaviour of seedlings is extrapolated: {runs}."
         )
     parts += incomplete_trials(reports, "they are included with their final counts")
-    if any(name in SHARE_OF for name in custom.responses):
-        parts.append(ROWS_FAIL_TOGETHER)
     return parts
 
 
@@ -134,9 +138,10 @@ def _runs(custom: CustomStudy, estimates: Mapping[str, Sequence[Estimate]]) -> T
     return Table("runs", "Levels and mean responses of the runs", heading, tuple(rows))
 
 
-def _intervals(name: str, estimates: Sequence[Estimate]) -> Table:
+def _intervals(name: str, estimates: Sequence[Estimate], basis: IntervalBasis | None) -> Table:
     rows = tuple((run, each.mean, each.low, each.high, each.sd) for run, each in enumerate(estimates, 1))
-    kind = "exact binomial, trials pooled" if name in SHARE_OF else "Student's t"
+    is_binomial = name in SHARE_OF and basis is not None and basis.is_binomial
+    kind = "exact binomial, trials pooled" if is_binomial else "Student's t"
     caption = f"{_label(name)}: mean of each run and its 95 % confidence interval ({kind})"
     return Table(f"{_stem(name)}-intervals", caption, ("run", "mean", "low", "high", "SD between trials"), rows)
 
@@ -165,10 +170,14 @@ def _fitted(custom: CustomStudy, name: str, reports: Sequence[Sequence[TrialRepo
 
 
 def _response_parts(
-    custom: CustomStudy, name: str, estimates: Sequence[Estimate], model: Model | str | None
+    custom: CustomStudy,
+    name: str,
+    estimates: Sequence[Estimate],
+    model: Model | str | None,
+    basis: IntervalBasis | None,
 ) -> list[Part]:
     """Return the report parts for one response."""
-    parts: list[Part] = [Heading(_label(name)), _intervals(name, estimates)]
+    parts: list[Part] = [Heading(_label(name)), _intervals(name, estimates, basis)]
     if isinstance(model, Model):
         parts += _model_parts(custom, name, model)
     elif model is not None:

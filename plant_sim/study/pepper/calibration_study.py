@@ -47,12 +47,12 @@ def calibration_study(machine: Machine, *, seed: int) -> Study:
     motion = nominal_motion(machine, seed=seed)
     specs = {"machine": machine.seedling, "fit": calibrate(middle(machine.seedling), motion)}
     parts: list[Part] = [
+        *origin_parts(machine),
         "The seedling constants that are given neither in the papers nor in catalogues are fitted so that a population "
         "under the nominal motion of the machine reproduces eq. 5 of the pepper paper over its design region, with the "
         "paper's statements on single factors as inequalities. The values of the machine are compared with a fit that "
         "starts at the midpoint of each constant's bounds. Every figure of agreement below is in-sample: it is "
         "computed at points and statements that the fit has used.",
-        *origin_parts(machine),
         Heading("Motion"),
         _motion_table(motion),
         Heading("Comparison with equation 5"),

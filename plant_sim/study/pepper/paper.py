@@ -219,7 +219,9 @@ def _optimum_parts(fitted: Fit, printed: Polynomial, optimum: NDArray[np.float64
         f"The paper rounds the setting and states {claim.responses['S']:.1f} % for it; equation 5 gives "
         f"{rounded:.2f} %. By least squares, a further run at the best setting of the refit is expected between "
         f"{low[0]:.1f} and {high[0]:.1f} % (95 % prediction interval, not limited to 100 %).",
-        *fit_pictures("success", fitted, PEPPER_FACTORS, response=RESPONSE, marks=marks, held=optimum),
+        *fit_pictures(
+            "success", fitted, PEPPER_FACTORS, response=RESPONSE, marks=marks, held=optimum, weighted=weighted
+        ),
     ]
 
 

@@ -70,9 +70,9 @@ def rsm_study(options: RunOptions) -> Study:
     optimum = _Optimum.of(twin)
     checks = np.array([report.S for report in verification if report.completed])
     parts = [
+        *origin_parts(options.machine, options.machine_file),
         f"The paper's design (Table 4) run on the twin: {len(points)} runs of "
         f"{counted(options.trials, 'trial')} with {options.seedlings} seedlings each.",
-        *origin_parts(options.machine),
         *cautions(settings[:-1], options),
         *incomplete_trials(trials, LEFT_OUT),
         *doubts("S", twin, is_simulated=True),

@@ -13,6 +13,7 @@ from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.common.figure_style import COLOURS, QUIET, drawing
 from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec
+from plant_sim.study.estimates import IntervalBasis
 from plant_sim.study.pepper.experiment import (
     LEFT_OUT,
     PooledResult,
@@ -48,12 +49,15 @@ def single_study(options: RunOptions) -> Study:
         tests[name].append(point)
         runs[name].append({**run_record(point, setting, trials), "S_by_equation_5": point.by_equation_5})
     verdicts = {name: _verdicts(name, points) for name, points in tests.items()}
+    completed = [[trial for trial in trials if trial.completed] for trials in reports]
+    basis = IntervalBasis.of(completed)
     parts: list[Part] = [
+        *origin_parts(options.machine, options.machine_file),
         f"{counted(options.trials, 'trial')} of {options.seedlings} seedlings at each level, on the twin. The paper "
         "shows the results only as figures and describes them in words.",
-        *origin_parts(options.machine),
         *cautions(settings, options),
         *incomplete_trials(reports, LEFT_OUT),
+        basis.text("They are lower bounds of the true intervals."),
         _verdict_text(verdicts),
     ]
     for index, (name, points) in enumerate(tests.items()):
@@ -77,6 +81,7 @@ def single_study(options: RunOptions) -> Study:
         **runs,
         "changed_parameters": changed_keys(options.machine),
         "sentences": statements,
+        "intervals": basis.record(),
         "incomplete_trials": incomplete_count(reports),
     }
     return Study(

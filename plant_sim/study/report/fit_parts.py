@@ -181,8 +181,9 @@ def fit_pictures(
     marks: Marks,
     held: NDArray[np.float64],
     box: float = 1.0,
+    weighted: Model | None = None,
 ) -> tuple[Part, ...]:
-    """Return two figures: contours of a fit over every pair of factors, and observed against predicted responses.
+    """Return contours of a fit over every pair of factors, and observed against predicted responses.
 
     Args:
         name: Prefix of the file stems.
@@ -192,24 +193,32 @@ def fit_pictures(
         marks: Points to mark, coded, by name.
         held: Coded levels of the factors not shown in a panel.
         box: Half the edge length of the search box, coded.
+        weighted: Weighted fit, whose contours are beside those of a least squares fit as the papers print it.
 
     Returns:
-        The two figures, and a caveat if the predicted percentage is outside the range 0 to 100.
+        The figures, and a caveat if the predicted percentage is outside the range 0 to 100.
     """
     reach = np.abs(fit.coded).max(axis=0).tolist()
-    over = contours(
-        fit, factors, response=response, held=held.tolist(), reach=reach, marks=marks, box=box, limits=SHARE_LIMITS
-    )
-    runs = observed_against_predicted(fit.response, fit.predict(fit.coded), response=response, r2=fit.r2)
+
+    def over_pairs(stem: str, of: Model, what: str, remark: str) -> list[Part]:
+        figure = contours(
+            of, factors, response=response, held=held.tolist(), reach=reach, marks=marks, box=box, limits=SHARE_LIMITS
+        )
+        caption = f"{response} over every pair of factors{what}. {remark}"
+        return [*no_share_text(of, factors, held=held.tolist(), reach=reach), Picture(stem, caption, figure)]
+
+    as_printed = "" if weighted is None else ", least squares as printed"
     remark = (
         "The dashed frame is the search box; beyond the runs of the design the surface is extrapolated. A hollow "
         "marker is a point at other levels of the factors not shown; its response is in the legend."
     )
-    return (
-        *no_share_text(fit, factors, held=held.tolist(), reach=reach),
-        Picture(f"{name}-contours", f"{response} over every pair of factors. {remark}", over),
-        Picture(f"{name}-runs", f"{response}: observed against fitted values of the runs.", runs),
-    )
+    parts = over_pairs(f"{name}-contours", fit, as_printed, remark)
+    if weighted is not None:
+        beside = "The marked settings and the levels not shown are those of the picture as printed."
+        parts += over_pairs(f"{name}-weighted-contours", weighted, ", weighted fit with the same terms", beside)
+    runs = observed_against_predicted(fit.response, fit.predict(fit.coded), response=response, r2=fit.r2)
+    caption = f"{response}: observed against fitted values of the runs{as_printed}."
+    return (*parts, Picture(f"{name}-runs", caption, runs))
 
 
 def no_share_text(

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import fields
 from functools import cache
+from pathlib import Path
 
 from plant_sim.machine.parameters import Machine, load_machine
 
 _MOST_LISTED = 5
 
 
-def origin_parts(machine: Machine) -> list[str]:
+def origin_parts(machine: Machine, file: Path | None = None) -> list[str]:
     """Return the paragraphs that name what the seedlings of a machine were fitted to, and how the machine was changed.
 
     Args:
         machine: Base machine of the study.
+        file: File of the machine; None for the delivered one.
     """
     changed = changed_keys(machine)
     fitted = (
@@ -28,10 +30,11 @@ def origin_parts(machine: Machine) -> list[str]:
         return [fitted]
     listed = ", ".join(changed[:_MOST_LISTED])
     more = f" and {len(changed) - _MOST_LISTED} others" if len(changed) > _MOST_LISTED else ""
+    named = "" if file is None else f" ({file})"
     return [
-        f"Changed machine: {listed}{more} differ from the delivered machine, for which the seedlings were fitted. "
-        "Equation 5, Table 4 and the statements of the paper belong to the machine of the paper: differences from them "
-        "are effects of the change and of the fit together.",
+        f"Changed machine{named}: {listed}{more} differ from the delivered machine, for which the seedlings were "
+        "fitted. Equation 5, Table 4 and the statements of the paper belong to the machine of the paper: differences "
+        "from them are effects of the change and of the fit together.",
         fitted,
     ]
 

@@ -229,7 +229,13 @@ def observed_against_predicted(
 
 
 def pareto_front(
-    front: Front, *, a: str, b: str, marks: Mapping[str, tuple[float, float]], cloud: NDArray[np.float64]
+    front: Front,
+    *,
+    a: str,
+    b: str,
+    marks: Mapping[str, tuple[float, float]],
+    cloud: NDArray[np.float64],
+    beside: Mapping[str, Front] | None = None,
 ) -> Figure:
     """Draw a Pareto front in the plane of its two responses.
 
@@ -239,6 +245,7 @@ def pareto_front(
         b: Name and unit of the second response.
         marks: Pairs of responses to mark, by their name in the legend.
         cloud: Pairs of responses on a grid of the box, one per row, drawn in the background.
+        beside: Further fronts to compare, dashed, by their name in the legend; the first one is then "as printed".
     """
     with drawing():
         figure = Figure(figsize=(4.8, 3.6), layout="constrained")
@@ -246,7 +253,10 @@ def pareto_front(
         axes.plot(
             cloud[:, 0], cloud[:, 1], ".", color="#CCCCCC", markersize=2, markeredgewidth=0, label="settings in the box"
         )
-        axes.plot(front.a, front.b, color=COLOURS["left"], label="Pareto front")
+        label = "Pareto front, as printed" if beside else "Pareto front"
+        axes.plot(front.a, front.b, color=COLOURS["left"], label=label)
+        for name, other in (beside or {}).items():
+            axes.plot(other.a, other.b, "--", color=COLOURS["right"], label=name)
         for (name, point), colour, sign in zip(marks.items(), itertools.cycle(SERIES), itertools.cycle(_SIGNS)):
             axes.plot(*point, sign, color=colour, markeredgecolor="white", markersize=7, linestyle="none", label=name)
         axes.set_xlabel(axis_label(a))

@@ -33,19 +33,22 @@ def scan_figure(result: ThroughputResult) -> Figure:
         )
         limit = result.limits.without_gap.limit
         if limit is not None:
-            axes.axvline(limit, color=QUIET, linewidth=0.8, linestyle="--")
+            axes.axvline(limit, color=QUIET, linewidth=0.8, linestyle="--", zorder=3)
+            above = axes.get_xaxis_transform()
+            axes.text(limit, 1.01, f"limit {limit}/min", color=QUIET, fontsize=7, ha="center", transform=above)
         axes.set(xlabel="planting frequency, 1/min per row", ylabel="trials with a gap, %", ylim=(-3, 103))
         axes.grid()
     return figure
 
 
-def curves(points: Sequence[FrequencyResult], paces: Mapping[int, CyclePace]) -> Figure:
+def curves(points: Sequence[FrequencyResult], paces: Mapping[int, CyclePace], *, is_binomial: bool) -> Figure:
     """Plot success, gaps and air against the planting frequency, with 95 % intervals where there are several trials."""
     frequencies = [point.frequency_per_min for point in points]
     with drawing():
         figure = Figure(figsize=(11.0, 3.2), layout="constrained")
         success, gaps, air = figure.subplots(1, 3)
-        _with_bars(success, frequencies, [estimate("S", each.trials) for each in points], SERIES[0])
+        rates = [estimate("S", each.trials, is_binomial=is_binomial) for each in points]
+        _with_bars(success, frequencies, rates, SERIES[0])
         success.set_ylabel("success rate S, %")
         missed = [estimate("missed_cups", each.trials) for each in points]
         _with_bars(gaps, frequencies, missed, COLOURS["alarms"], label="trial of two trays")

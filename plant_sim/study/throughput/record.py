@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from controller.program.tags import ROWS, SIDES
-from plant_sim.study.estimates import estimate
+from plant_sim.study.estimates import IntervalBasis, estimate
 from plant_sim.study.runner import trial_record
 from plant_sim.study.throughput.bottleneck import Bottleneck
 from plant_sim.study.throughput.driving import FrequencyResult, ThroughputResult, ground_speed_km_h
@@ -14,12 +14,13 @@ from plant_sim.study.throughput.pace import TRAYS, CyclePace
 from plant_sim.study.throughput.scan import ConditionScan
 
 
-def record_of(result: ThroughputResult, bottlenecks: Sequence[Bottleneck]) -> dict[str, object]:
+def record_of(result: ThroughputResult, bottlenecks: Sequence[Bottleneck], basis: IntervalBasis) -> dict[str, object]:
     """Return the JSON record of the study."""
     limits, advice, spacing_m = result.limits, result.advice, result.spacing_m
     return {
         "spacing_m": spacing_m,
-        "points": [_point_record(point, result.paces) for point in result.points],
+        "intervals": basis.record(),
+        "points": [_point_record(point, result.paces, basis) for point in result.points],
         "observed": [
             {"set": dict(run.setting.values), "trays": TRAYS, "seed": run.seed, "reason": run.reason}
             for pace in result.paces.values()
@@ -73,8 +74,8 @@ def _scan_record(point: FrequencyResult) -> dict[str, object]:
     }
 
 
-def _point_record(point: FrequencyResult, paces: Mapping[int, CyclePace]) -> dict[str, object]:
-    success = estimate("S", point.trials)
+def _point_record(point: FrequencyResult, paces: Mapping[int, CyclePace], basis: IntervalBasis) -> dict[str, object]:
+    success = estimate("S", point.trials, is_binomial=basis.is_binomial)
     return {
         "frequency_per_min": point.frequency_per_min,
         "set": dict(point.setting.values),

@@ -10,7 +10,8 @@ from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from controller.program.set_points import FASTEST_PER_MIN, SLOWEST_PER_MIN
 from controller.program.tags import ROWS, SIDES
 from plant_sim.common.figure_style import drawing
-from plant_sim.study.estimates import ROWS_FAIL_TOGETHER, estimate
+from plant_sim.study.estimates import BY_SCATTER, IntervalBasis, estimate
+from plant_sim.study.report.origin import changed_keys, origin_parts
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions
 from plant_sim.study.throughput.bottleneck import Bottleneck, first_late
@@ -47,6 +48,7 @@ def throughput_study(
     changes = (False, True)
     late = (first_late(result.paces, changes_tray=change) for change in changes)
     bottlenecks = [each for each in late if each]
+    basis = IntervalBasis.of([point.trials for point in result.points])
     return Study(
         name="throughput",
         title="Throughput: limits at which the arms keep up with the cups",
@@ -55,15 +57,16 @@ def throughput_study(
         ),
         parts=tuple(
             chain(
+                origin_parts(options.machine, options.machine_file),
                 _advice_parts(result),
                 _limit_parts(result, len(next(iter(result.paces.values())).runs)),
                 _bottleneck_parts(bottlenecks),
                 _gain_parts(result),
-                _trial_parts(options, result),
+                _trial_parts(options, result, basis),
                 _setting_parts(options, result),
             )
         ),
-        record=record_of(result, bottlenecks),
+        record={"changed_parameters": changed_keys(options.machine), **record_of(result, bottlenecks, basis)},
     )
 
 
@@ -224,11 +227,11 @@ def _bottleneck_parts(bottlenecks: Sequence[Bottleneck]) -> list[Part]:
     return parts
 
 
-def _trial_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
+def _trial_parts(options: RunOptions, result: ThroughputResult, basis: IntervalBasis) -> list[Part]:
     points, paces, spacing_m = result.points, result.paces, result.spacing_m
     rows: list[tuple[Cell, ...]] = []
     for point in points:
-        success = estimate("S", point.trials)
+        success = estimate("S", point.trials, is_binomial=basis.is_binomial)
         rows.append(
             (
                 point.frequency_per_min,
@@ -262,12 +265,16 @@ def _trial_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
     return [
         Heading("Trials"),
         f"At each frequency {counted(len(points[0].trials), 'trial')} of {options.seedlings} seedlings; S with its "
-        f"exact 95 % interval; settled trays are those from the third tray of runs with {TRAYS} trays. "
-        f"{ROWS_FAIL_TOGETHER}",
+        f"95 % interval; settled trays are those from the third tray of runs with {TRAYS} trays. "
+        f"{basis.text(BY_SCATTER)}",
         Table("trials", "Results of the trials", heading, tuple(rows)),
         *_cause_parts(points),
         _waiting_table(points),
-        Picture("curves", "Success, gaps and air against the planting frequency", curves(points, paces)),
+        Picture(
+            "curves",
+            "Success, gaps and air against the planting frequency",
+            curves(points, paces, is_binomial=basis.is_binomial),
+        ),
     ]
 
 

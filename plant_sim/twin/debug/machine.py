@@ -14,9 +14,9 @@ from controller.core.expr import Bit, Compare, Expr, Word, all_of, any_of
 from controller.core.machine_code import MachineExecution
 from controller.core.memory_layout import WORD_BYTES
 from controller.debug.condition import Condition, SignalComparison, SignalContact, SignalInverse, SignalJoined
-from controller.debug.machine import DebugSignal, OutsideEntry, ScanStart, Value, copied
+from controller.debug.machine import DebugSignal, OutsideEntry, RunEvent, ScanStart, Value, copied
 from controller.debug.scan_observer import ScanObserver
-from controller.events.kinds import as_record
+from controller.events.kinds import as_sentence
 from controller.export.instruction_list import SCRATCH
 from controller.fx.language.instruction import Ladder
 from controller.fx.language.operand_rules import Key
@@ -202,12 +202,10 @@ class TwinMachine:
             **{name: getattr(counts, name) for name in type(counts).__slots__},
         }
 
-    def events(self) -> Iterable[tuple[int, str]]:
-        """Return the time in ms and text of every event so far."""
+    def events(self) -> Iterable[RunEvent]:
+        """Return every event so far."""
         for event in self.twin.events:
-            record = as_record(event)
-            rest = (f"{key}={value}" for key, value in record.items() if key not in ("at_ms", "event"))
-            yield event.at_ms, " ".join((str(record["event"]), *rest))
+            yield RunEvent(event.at_ms, event.event, as_sentence(event))
 
     def change(self, name: str, value: str, /) -> tuple[OutsideEntry, Callable[[], OutsideEntry] | None]:
         """Return the entry that begins a change, and a function that returns the entry that ends it."""

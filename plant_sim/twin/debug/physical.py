@@ -45,7 +45,7 @@ class TwinProgram(MachineProgram):
     def __init__(self, twin: Twin) -> None:
         """Take a twin."""
         self._twin = twin
-        super().__init__(twin.machine, lambda: twin.plc.memory)
+        super().__init__(twin.machine)
         self._bands = {band.sensor: band for band in bands_of(numbers_of(twin.plant.params))}
 
     def input_causes(self, key: Key, line: RunTimeline, scan: int, changed: int | None, /) -> list[WhyCause]:

@@ -23,6 +23,7 @@ from plant_sim.twin.commissioning import default_io_map, default_parameters
 from plant_sim.twin.ending.rule import INTERRUPTED, EndingRule, TrialEnd, default_max_ms
 from plant_sim.twin.ladder.annunciators import AnnunciatorNames, AnnunciatorRest
 from plant_sim.twin.ladder.question_lamp import ANSWER_MS, LAMP, QuestionLamp, asked_arm, button_of
+from plant_sim.twin.ladder.recording import LadderRecorder
 from plant_sim.twin.ladder.scan_timing import (
     NO_WATCHDOG_MS,
     ScanEstimate,
@@ -123,6 +124,7 @@ def run_ladder_trial(
     faults: Iterable[Fault] = (),
     rule: EndingRule | None = None,
     stop: StopRequest | None = None,
+    recorder: LadderRecorder | None = None,
 ) -> LadderReport:
     """Run an FX program on the plant until all motion has stopped, or the trial ends by its rule.
 
@@ -144,6 +146,7 @@ def run_ladder_trial(
         faults: Faults of the plant.
         rule: Rule by which the trial ends; None = without an operator, and with the default time limit.
         stop: Request to stop the trial; None = none.
+        recorder: Recorder of the trial, without a timing; None = none.
 
     Raises:
         LadderError: The program cannot be run.
@@ -159,11 +162,15 @@ def run_ladder_trial(
     rule = rule or EndingRule(default_max_ms(trays))
     names = AnnunciatorNames(ladder)
     rest, ending = AnnunciatorRest(names), None
+    if recorder is not None:
+        recorder.begin(plc, module, clock)
     while plc.error is None and ending is None:
         image = plc.scan(now_ms, module.inputs())[: io_map.output_count]
         if now_ms == 0:
             _write(plc, values or {})
         module.write_outputs(0, image)
+        if recorder is not None:
+            recorder.scanned(now_ms)
         monitor.note(plc)
         scan_ms = clock.next_ms(plc)
         moves = any(point.active(image[point.number]) for point in movers)
@@ -191,6 +198,8 @@ def run_ladder_trial(
             rest.forget(plc)
             operator.plan(now_ms, max(PRESS_MS, PRESS_SCANS * scan_ms))
         operator.act(now_ms)
+        if recorder is not None:
+            recorder.acted()
         clock.advance(module, plc, now_ms, scan_ms)
         now_ms += scan_ms
     incidents = tuple(f"{event.kind.value}: {event.text}, at {event.time_ms} ms" for event in plant.events)

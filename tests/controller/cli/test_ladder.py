@@ -26,7 +26,6 @@ from plant_sim.twin.ladder import trial as ladder_trial
 from plant_sim.twin.lock_step import Twin
 from tests.controller.export.fx_equality import EXPORTED
 from tests.controller.program.interlock_scene import MACHINE
-from tests.paths import DOCS, ROOT
 from tests.sampling import one_in
 from tests.wiring import unwired
 
@@ -48,15 +47,6 @@ def program(tmp_path: Path) -> Path:
     path = tmp_path / "seal-in.il"
     path.write_text(SEAL_IN, encoding="utf-8")
     return path
-
-
-def test_the_documentation_states_the_size_of_the_export() -> None:
-    """And, for a machine with a panel, that of the program without the amber lamp, to the nearest hundred."""
-    for page in (ROOT / "README.md", DOCS / "ladder.md"):
-        assert f"uses {STEPS:,} of the 8,000" in page.read_text(encoding="utf-8")
-    without = sum(map(steps, export(acting(build(unwired("lamp_amber")).program)).instructions))
-    text = " ".join((DOCS / "ladder.md").read_text(encoding="utf-8").split())
-    assert f"Without the amber lamp, it uses about {round(without, -2):,}" in text
 
 
 def test_an_export_can_be_read_back_and_its_size_is_reported(

@@ -5,6 +5,7 @@ The output block runs alone, so that each rule can be the only one that does not
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 import pytest
@@ -31,7 +32,7 @@ def outputs() -> tuple[CrossReference, Reasons, ObservedPlc, MachineProgram]:
     block = output_block(TAGS, MACHINE.io_map, MACHINE.rules, MACHINE.tray_rules, MACHINE.other_rules)
     ladder = program_ladder(Program("outputs", (block,), outputs=OUTPUTS))
     plc = ObservedPlc(ladder, input_filter_ms=0)
-    whole = MachineProgram(MACHINE, lambda: plc.memory)
+    whole = MachineProgram(MACHINE)
     return CrossReference(ladder), Reasons(ladder), plc, whole
 
 
@@ -64,8 +65,10 @@ def test_a_rule_is_named_and_its_contacts_are_not_to_be_changed(side: Side | Non
     for each in reason.sets:
         changed = {change.device for change in each.changes if change.device is not None}
         assert all(whole.is_safeguard(device, key) for device in changed)
-    assert [name.en for name, _ in whole.blocking(key)] == [rule.name]
-    assert all(text.en and text.zh for _, text in whole.blocking(key))
+    (words,) = whole.blocking(key, plc.memory)
+    assert words.en.startswith(f"“{rule.name}”: ")
+    assert rule.name not in words.zh
+    assert len(words.zh) > 2
 
 
 @pytest.mark.parametrize("alarm", [*MACHINE.alarms], ids=lambda alarm: str(alarm.bit))
@@ -84,3 +87,21 @@ def test_a_stop_is_a_safeguard_of_every_device_that_reads_it(tag: str) -> None:
     behind = {use.rung for use in whole.reference.device(key).uses}
     assert len(behind) > 1
     assert all(whole.is_safeguard(key, of) for of in (("M", 32), ("Y", 2), ("S", 900), key))
+
+
+def test_terminals_steps_commands_and_set_points_have_their_chinese_names() -> None:
+    whole = outputs()[3]
+    points = (*MACHINE.io_map.inputs, *MACHINE.io_map.outputs)
+    named = [(point.device, point.number) for point in points]
+    named += [(bit.kind, bit.number) for steps in MACHINE.program.sequences() for bit, _ in steps]
+    named += [(command.bit.kind, command.bit.number) for command in TAGS.commands if "jog" not in command.name]
+    named += [(word.kind, word.number) for word in TAGS.sp.constants]
+    for key in named:
+        text = whole.tag(key)
+        assert text.en
+        assert not re.search("[a-zA-Z]{2}", text.zh), text
+        assert text.zh != text.en
+    lift, stop = MACHINE.io_map["left.lift_up"].number, MACHINE.io_map["emergency_stop"].number
+    assert whole.name(("X", lift)) == ("X2 left.lift_up", "X2 左：升降在上限位")
+    assert whole.name(("X", stop)).zh == "X25 急停按下（常闭）"
+    assert whole.name(("S", 25)).zh == "S25 左臂循环：提苗"

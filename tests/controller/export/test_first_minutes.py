@@ -24,7 +24,7 @@ from tests.controller.export.package_rig import (
 )
 from tests.controller.export.readme_steps import CYCLE, FIRST, NEW, STOP, Step, answers, perform, table
 from tests.controller.export.terminals import Rig, Terminals
-from tests.controller.program.interlock_scene import TAGS
+from tests.controller.program.interlock_scene import MACHINE, TAGS
 from tests.paths import ROOT
 from tests.sampling import first_of
 from tests.wiring import unwired
@@ -75,6 +75,16 @@ def test_a_machine_declared_new_works_without_a_question(target: str) -> None:
     assert perform(steps, new(target)) == []
 
 
+@pytest.mark.parametrize("target", first_of(TARGETS))
+def test_a_machine_may_be_declared_new_in_the_first_scan(target: str) -> None:
+    """The relay is set before the PLC has scanned; the declaration is kept through a loss of power."""
+    on, declared, homes, _ = until_it_works(table(package(target)["README.txt"], NEW))
+    rig = new(target)
+    assert perform([declared], rig) == []
+    rig.power_cycle()
+    assert perform([on, homes], rig) == []
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_tray_in_a_machine_declared_new_is_conveyed_out_by_homing(target: str) -> None:
@@ -103,6 +113,19 @@ def test_an_interrupted_trial_is_finished_as_the_readme_says(target: str, title:
     readme, rig = package(target)["README.txt"], new(target)
     assert perform([*until_it_works(table(readme, FIRST)), *table(readme, title)], rig, readme) == []
     assert seedlings(rig) == (72, 72)
+
+
+def test_the_readme_of_the_fx2n_names_the_alarms_that_are_not_exported() -> None:
+    """They are those of the complete program that no instruction of the package uses, S904 among them."""
+    files = package("fx2n")
+    lines = [line.partition(";")[0] for line in files["transplanter.il"].splitlines() if "ZRST" not in line]
+    words = {word for line in lines for word in line.split()}
+    alarms = {str(d) for d in MACHINE.program.devices() if d.kind == "S" and d.number >= 900}
+    named = re.search(r"Not exported: (.+?)\. ", files["README.txt"], re.DOTALL)
+    assert named
+    left_out = {*re.findall(r"S9\d\d", named[1])}
+    assert left_out == alarms - words
+    assert "S904" in left_out
 
 
 @pytest.mark.nightly

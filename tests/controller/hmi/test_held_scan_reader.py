@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+from array import array
 from dataclasses import fields
 
 import pytest
@@ -26,14 +27,12 @@ READ_ROWS = ("X", "Y", "M", "S", "T", "C", "D", "TV", "CV")
 def scramble(memory: Memory, rng: random.Random) -> None:
     """Give every device another value."""
     for row in fields(memory):
+        values = getattr(memory, row.name)
         if row.name in "XYMSTC":
-            values: list[int] = [rng.random() < 0.5 for _ in getattr(memory, row.name)]
+            values[:] = rng.choices((False, True), k=len(values))
         elif row.name in ("D", "TV", "CV"):
-            values = [rng.randint(-32_768, 32_767) for _ in getattr(memory, row.name)]
-        else:
-            continue
-        getattr(memory, row.name)[:] = values
-    memory.CV[200:] = [rng.randint(-(2**31), 2**31 - 1) for _ in memory.CV[200:]]
+            values[:] = array("h", rng.randbytes(2 * len(values)))
+    memory.CV[200:] = array("i", rng.randbytes(4 * len(memory.CV[200:])))
 
 
 def copy_of(memory: Memory) -> dict[str, list[int]]:

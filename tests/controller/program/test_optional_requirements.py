@@ -36,6 +36,14 @@ CASES = [
         for turned in ("tray_run", "after guard")
     ),
     *(
+        Case("an answer by a press with the guard open", ("X0 lasts", "X0 opened"), turned)
+        for turned in ("X0 lasts", "X0 opened", "X0")
+    ),
+    *(
+        Case("an answer by a press with the guard open", ("X24 lasts", "X24 opened"), turned)
+        for turned in ("X24 lasts", "X24 opened", "X24")
+    ),
+    *(
         Case("a coil on from rest without a warning", ("tray_run", "unwarned"), turned)
         for turned in ("tray_run", "unwarned", "manual", "stopping", "holding")
     ),
@@ -53,6 +61,12 @@ def facts() -> dict[str, Expr]:
         "after guard": monitor.after_guard,
         "unwarned": monitor.unwarned,
         "manual": tags.machine.manual,
+        "X0": tags.x.start,
+        "X0 lasts": tags.machine.yes_due,
+        "X0 opened": SAFETY.guarded_presses.start_opened,
+        "X24": tags.x.stop,
+        "X24 lasts": tags.machine.no_due,
+        "X24 opened": SAFETY.guarded_presses.stop_opened,
     }
 
 

@@ -58,7 +58,11 @@ def test_every_example_of_the_table_is_a_fault_of_the_machine(row: tuple[str, ..
         ),
         ("jammed:left.slide@5..9s", "jammed:left.slide: '5': a time requires a unit; write 5 s or 5 ms"),
         ("jammed:left.slide@9s..5s", "jammed:left.slide: ends at 5000 ms; must end after its start at 9000 ms"),
-        ("jammed:left.slide@5s", "'jammed:left.slide@5s': not a fault; write KIND:TARGET, "),
+        (
+            "jammed:left.slide@5s",
+            "'jammed:left.slide@5s': the two dots after the start are missing; write @5s.. for a fault that stays, or "
+            "@5s..END for one that ends",
+        ),
         (
             "missing_cells:tray_1=5@3s..",
             "missing_cells:tray_1: is set before the run and is permanent; remove its times",

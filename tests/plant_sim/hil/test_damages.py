@@ -5,13 +5,18 @@ from __future__ import annotations
 import pytest
 
 from plant_sim.hil.bench import Bench
+from plant_sim.hil.bench_module import BenchModule
 from plant_sim.hil.bench_run import CaseVerdict
 from plant_sim.hil.random_operator import RANDOM, SECONDS_PER_TRAY
 from plant_sim.hil.reference import TrialQuantities, excesses
+from plant_sim.hil.wire_cases import yield_cases
+from plant_sim.machine.parameters import load_machine
+from plant_sim.machine.plant import Plant
 from tests.plant_sim.hil.drawn import draw
 from tests.plant_sim.hil.grammar import NAMED, WHENS, Shim, parse
 from tests.plant_sim.hil.hil_rig import TRAYS, default_map, failures, judge, judge_shimmed, own_trial
 from tests.sampling import first_of
+from tests.wiring import YIELD, wired
 
 KILLED_BY = {
     "starts 5 s after power-up": ("power-up", "", "unexpected start: "),
@@ -84,6 +89,53 @@ def test_a_case_fails_the_damage_that_is_written_for_it(group: str, only: str, d
     results, *_ = judge_shimmed([damage], [group], only=only)
     assert results[-1].group == group, failures(results)
     assert any(each.startswith(reason) for each in results[-1].reasons), results[-1]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        ("", ""),
+        ("horn off @ always", "horn after a press of start: not within"),
+        ("horn delay=1500 @ always", "unexpected start: "),
+        ("horn on @ start for 4000", "end of the first pulse of the horn: not within"),
+        ("stop off @ start+900 for 500", "unexpected start: "),
+    ],
+)
+def test_the_start_warning_passes_the_program_and_fails_one_that_moves_without_it(damage: str, reason: str) -> None:
+    results, *_ = judge_shimmed([damage] if damage else [], ["press"], only="start warning", io_map=wired("horn"))
+    (found,) = [each for each in results if each.name.startswith("start warning")]
+    assert any(each.startswith(reason) for each in found.reasons) if damage else not found.reasons, found
+
+
+@pytest.mark.parametrize(
+    ("tags", "sides"),
+    [((), []), (("left.claw_pressure",), []), (("left.cup_filled",), ["left"]), (YIELD, ["left", "right"])],
+)
+def test_rows_without_seedlings_are_a_case_of_an_arm_with_an_input_that_tells_them(
+    tags: tuple[str, ...], sides: list[str]
+) -> None:
+    io_map, machine = wired(*tags), load_machine()
+    bench = Bench(BenchModule(Plant(io_map, machine, seed=1, trays=1), io_map), machine)
+    assert [case.name for case in yield_cases(bench)] == [f"{side} arm: a row without seedlings" for side in sides]
+
+
+YIELD_DAMAGES = {
+    "seedling_beam": [[], ["left.seedling_beam on @ always", "left.seedling_beam chop=40 @ always"]],
+    "cup_filled": [[], ["left.cup_filled swap=left.cup_pulse @ always"]],
+}
+"""Damages by which a controller sees seedlings that are missing, by the only input that tells them; none at first."""
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("tag", "damages"), [(tag, damages) for tag, both in YIELD_DAMAGES.items() for damages in both], ids=str
+)
+def test_a_controller_that_ignores_missing_seedlings_fails(tag: str, damages: list[str]) -> None:
+    results, *_ = judge_shimmed(damages, ["fault"], only="without seedlings", io_map=wired(f"left.{tag}"))
+    (found,) = [each for each in results if each.name == "left arm: a row without seedlings"]
+    assert bool(found.reasons) == bool(damages), found
+    assert not damages or found.reasons[0].startswith("missing seedlings: the machine goes on"), found
 
 
 @pytest.mark.nightly

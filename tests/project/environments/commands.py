@@ -61,6 +61,7 @@ COMMANDS: Final = {
     "controller ladder draw": writing("pictures", "{here}/my.il --out"),
     "controller ladder find": Command("{here}/my.il X0"),
     "controller ladder page": refused("{here}/my.il --connect 5021"),
+    "controller ladder sizes": refused("--io-map {here}/missing.yaml"),
     "controller ladder export": writing("plain", "--target plain --out"),
     "controller history": Command("{here}/history.sqlite"),
     "controller panel": refused("--controller 127.0.0.1:1 --port 0 --users {here}/my_map.yaml"),

@@ -69,11 +69,12 @@ def pairwise() -> list[Case]:
 
     Each next case has the most pairs that no earlier case has; the first of equals is taken.
     """
-    missing = set().union(*map(pairs, PRODUCT))
+    of_case = {case: pairs(case) for case in PRODUCT}
+    missing = set().union(*of_case.values())
     found = []
     while missing:
-        best = max(PRODUCT, key=lambda case: len(pairs(case) & missing))
-        missing -= pairs(best)
+        best = max(PRODUCT, key=lambda case: len(of_case[case] & missing))
+        missing -= of_case[best]
         found.append(best)
     return found
 

@@ -1,6 +1,7 @@
 // The ladder: only the rungs in sight are in the document; states and values of one scan are applied to them.
 
-import { ask, draw, make, write } from "./dom.js";
+import { draw, make, write } from "./dom.js";
+import { ask } from "./texts.js";
 
 const TITLE = 30;
 const BEYOND = 300; // rungs above and below the visible part, px
@@ -189,18 +190,17 @@ export class Ladder {
     if (symbol.devices.length > 0) this.onChosen(symbol.devices);
   }
 
-  /** Bring a rung into sight and mark it. */
-  jump(number) {
+  /** Mark a rung; null = none. */
+  mark(number) {
     this.here = number;
     this.shown.forEach(({ node }, each) => node.toggleAttribute("data-here", each === number));
-    this.root.scrollTop = this.tops[number] - this.root.clientHeight / 4;
-    this.place();
   }
 
-  /** Number of the rung that is some rungs after the marked one, or after the first one in sight. */
-  beside(rungs) {
-    const from = this.here ?? this.rungAt(this.root.scrollTop);
-    return Math.max(0, Math.min(this.tops.length - 2, from + rungs));
+  /** Bring a rung into sight and mark it. */
+  jump(number) {
+    this.mark(number);
+    this.root.scrollTop = this.tops[number] - this.root.clientHeight / 4;
+    this.place();
   }
 
   scale(factor) {

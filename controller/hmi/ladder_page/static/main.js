@@ -1,10 +1,11 @@
 // The ladder page: scans from the server, their views, and the parts of the page.
 
-import { ask, otherLanguage, t, useTexts, write } from "./dom.js";
+import { write } from "./dom.js";
 import { Charts } from "./charts.js";
 import { Ladder } from "./ladder.js";
 import { Panel } from "./panel.js";
 import { Run } from "./run.js";
+import { ask, otherLanguage, t, unknown, useTexts } from "./texts.js";
 
 const PERIOD_MS = 250;
 const STALE_MS = 1500; // values that are older are outdated
@@ -33,7 +34,7 @@ async function begin() {
   useTexts(description.texts);
   document.title = description.name;
   track = description.live ? null : "recorded";
-  if (!description.live) run = new Run(moved, () => panel.device, (by) => ladder.jump(ladder.beside(by)));
+  if (!description.live) run = new Run(moved, () => panel.device);
   of("freeze").hidden = !description.live;
   charts = new Charts([...description.charts], chosen);
   panel = new Panel(description, jump, () => frozen, run ? { run: (part) => run.fill(part) } : {});
@@ -99,17 +100,23 @@ function status() {
   of("freeze").setAttribute("aria-pressed", String(frozen !== null));
   let message = ["lost", "gone", "starting"].includes(link) ? t(`state.${link}`) : "";
   if (message === "" && latest && !latest.known) {
-    message = latest.differing.length > 0 ? t("differs", { devices: latest.differing.join(", ") }) : t("few");
+    message = unknown(latest);
   }
   of("message").hidden = message === "";
   write(of("message"), message);
   document.querySelectorAll("[data-view]").forEach((each) => each.setAttribute("aria-pressed", String(each.dataset.view === view)));
 }
 
-/** The position in the recorded run is another one. */
-function moved(scan, shown) {
-  frozen = scan;
+/** The position in the recorded run is another one: after a scan, or before a rung of the next scan. */
+function moved(scan, shown, rung) {
+  frozen = rung === null ? scan : scan + 1;
   track = shown;
+  if (rung === null) ladder.mark(null);
+  else {
+    view = "executed"; // END values are those of a complete scan
+    mode("ladder");
+    ladder.jump(rung);
+  }
   look();
 }
 

@@ -1,6 +1,7 @@
 // The panel beside the ladder: a device with its uses, the reason for its state, alarms, outputs, and the search.
 
-import { ask, localized, make, t, write } from "./dom.js";
+import { make, write } from "./dom.js";
+import { ask, localized, t, unknown } from "./texts.js";
 
 const TABS = ["device", "why", "alarms", "outputs", "find"];
 const PAUSE_MS = 200; // between the last key and the search
@@ -101,9 +102,9 @@ export class Panel {
     }
     const scan = this.scan();
     const { status, body } = await ask("/api/why", scan === null ? { device } : { device, scan });
-    const lines = status === 200 && body.available ? body.lines : [];
+    const told = status === 200 && body.available;
     why.replaceChildren(make("h3", { text: t("why.ask", { device }) }),
-      lines.length > 0 ? make("ol", {}, ...lines.map((line) => this.reason(line))) : make("p", { text: t("why.none") }));
+      told ? make("ol", {}, ...body.lines.map((line) => this.reason(line))) : make("p", { text: status === 200 ? unknown(body) : t("why.none") }));
   }
 
   reason({ text, rung, cause }) {

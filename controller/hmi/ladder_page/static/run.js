@@ -1,21 +1,21 @@
 // Recorded runs: the slider with its marks, the steps forwards and backwards, branches, watches, and further commands.
 // Every movement is a command of the debugger.
 
-import { ask, make, t, write } from "./dom.js";
+import { make, write } from "./dom.js";
+import { ask, t } from "./texts.js";
 
 const STEPS = [ // command, text, symbol before it, symbol after it
   ["last", "move.change", "|◀ ", ""], ["back 1 step", "move.step", "◀ ", ""], ["back 1 scan", "move.scan", "◀ ", ""],
-  ["rung -1", "move.rung", "▲ ", ""], ["rung 1", "move.rung", "", " ▼"], ["forward 1 scan", "move.scan", "", " ▶"],
+  ["back 1 rung", "move.rung", "▲ ", ""], ["forward 1 rung", "move.rung", "", " ▼"], ["forward 1 scan", "move.scan", "", " ▶"],
   ["forward 1 step", "move.step", "", " ▶"], ["next", "move.change", "", " ▶|"],
 ];
 const LABELLED = ["alarm"];
 
 export class Run {
-  /** `onMoved(scan, track)` is called at another position; `device()` returns the chosen device; `rung(n)` moves by rungs. */
-  constructor(onMoved, device, rung) {
+  /** `onMoved(scan, track, rung)` is called at another position; `device()` returns the chosen device. */
+  constructor(onMoved, device) {
     this.onMoved = onMoved;
     this.device = device;
-    this.rung = rung;
     this.watched = [];
     this.answer = make("pre", { id: "answer" });
     this.watches = make("pre", { id: "watches" });
@@ -64,8 +64,7 @@ export class Run {
   }
 
   step(command) {
-    if (command.startsWith("rung")) this.rung(Number(command.slice(5)));
-    else if (command === "last" || command === "next") {
+    if (command === "last" || command === "next") {
       if (this.device()) this.execute(`${command} ${this.device()}`);
       else write(this.answer, t("choose"));
     } else this.execute(command);
@@ -88,7 +87,7 @@ export class Run {
   }
 
   async take(run) {
-    const { scan, track, first, last, branch, differs, marks } = run;
+    const { scan, rung, track, first, last, branch, differs, marks } = run;
     Object.assign(this.slider, { min: first, max: last, value: scan });
     const place = (at) => `${(100 * (at - first)) / Math.max(1, last - first)}%`;
     if (this.marked !== track) {
@@ -110,7 +109,7 @@ export class Run {
       each.setAttribute("aria-pressed", String(each.dataset.track === track));
       each.disabled = each.dataset.track === "branch" && branch === null;
     });
-    this.onMoved(scan, track);
+    this.onMoved(scan, track, rung);
     await this.show();
   }
 }

@@ -20,6 +20,7 @@ export class Link extends EventTarget {
   #retry = null;
   #status = "closed";
   #hasPlace = true;
+  #cause = "closed";
 
   constructor() {
     super();
@@ -131,9 +132,9 @@ export class Link extends EventTarget {
   }
 
   #checkStatus() {
-    const status = this.#currentStatus();
-    if (status === this.#status) return;
-    this.#status = status;
+    this.#status = this.#currentStatus();
+    if (this.cause === this.#cause) return;
+    this.#cause = this.cause; // a page without views for a second may learn later that it has no place
     this.dispatchEvent(new Event("status"));
   }
 

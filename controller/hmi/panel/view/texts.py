@@ -10,8 +10,8 @@ from typing import Final
 from controller.common.declarations import Declared
 from controller.hmi.panel.orders.replies import LEVELS
 from controller.hmi.panel.view.history_texts import HISTORY_TEXTS
-from controller.hmi.panel.view.names import NAMES
 from controller.program.texts.alarms.handling import ALARM_STATES
+from controller.program.texts.names import NAMES
 from controller.program.texts.operator import Text
 
 _FORMATS: Final = {

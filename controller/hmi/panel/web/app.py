@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import FileResponse, JSONResponse, Response
-from starlette.routing import Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
+from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
@@ -48,6 +47,7 @@ from controller.hmi.panel.web.answers import body_of, reply, response, whole_num
 from controller.hmi.panel.web.listener import Attendance, PanelListener
 from controller.hmi.panel.web.sockets import BrowserSocket, ViewBroadcaster
 from controller.hmi.web.failures import counting
+from controller.hmi.web.files import static_routes
 from controller.hmi.web.guard import Guard, is_local, peer_of
 from controller.program.machine import Transplanter
 from controller.program.tags import SIDES
@@ -360,7 +360,7 @@ def application(panel: PanelApplication, names: Iterable[str]) -> ASGIApp:
     routes = [
         Route("/", page),
         Route("/machine.svg", picture),
-        Mount("/static", StaticFiles(directory=STATIC)),
+        *static_routes(STATIC),
         Route("/api/me", panel.me),
         Route("/api/describe", panel.describe),
         Route("/api/login", panel.login, methods=["POST"]),

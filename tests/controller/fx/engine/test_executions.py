@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import count
 
@@ -87,6 +88,7 @@ OUTPUTS = (
         "DHSZ K0 K1 C235 M60",
     ),
 )
+LOOPS = ("FOR K2", "FOR D0", "FOR K3", "FOR D0V0")
 IN_STEPS = ("SET S20", "SET S21", "SET S22", "OUT S20", "OUT S22", "SET S21", "OUT Y0", "OUT Y1")
 
 
@@ -95,12 +97,18 @@ class ProgramText:
     """Instruction list under construction.
 
     Attributes:
+        compared: Contact comparisons to choose from.
+        outputs: Outputs to choose from.
+        loops: Loops to choose from.
         lines: Main program.
         subroutines: Code after FEND.
         called: Number of each subroutine that the program may call.
     """
 
     draw: st.DrawFn
+    compared: tuple[str, ...] = COMPARED
+    outputs: tuple[str, ...] = OUTPUTS
+    loops: tuple[str, ...] = LOOPS
     lines: list[str] = field(default_factory=list)
     subroutines: list[str] = field(default_factory=list)
     labels: count[int] = field(default_factory=count)
@@ -124,11 +132,12 @@ class ProgramText:
 
     def contact(self, join: str) -> str:
         if self.number(0, 3) == 0:
-            return join + self.pick(*COMPARED)
+            return join + self.pick(*self.compared)
         inverse = {"LD": "LDI", "AND": "ANI", "OR": "ORI"}[join]
         return f"{self.pick(join, inverse, f'{join}P', f'{join}F')} {self.pick(*BITS)}"
 
-    def rung(self, lines: list[str], outputs: tuple[str, ...] = OUTPUTS) -> None:
+    def rung(self, lines: list[str], preferred: tuple[str, ...] = ()) -> None:
+        outputs = (*preferred, *self.outputs)
         self.block(lines)
         if self.number(0, 3):
             for _ in range(self.number(1, 2)):
@@ -155,11 +164,11 @@ class ProgramText:
             for _ in range(self.number(1, 10) // 9 + 1):
                 lines.append(f"STL S{self.number(20, 22)}")
             for _ in range(self.number(1, 3)):
-                self.rung(lines, (*IN_STEPS, *IN_STEPS, *OUTPUTS))
+                self.rung(lines, IN_STEPS * 2)
         lines.append("RET")
 
     def _loop(self, lines: list[str], depth: int, level: int, steps: bool) -> None:
-        lines.append(self.pick("FOR K2", "FOR D0", "FOR K3", "FOR D0V0"))
+        lines.append(self.pick(*self.loops))
         self.section(lines, depth, level, steps=False)
         lines.append("NEXT")
 
@@ -194,8 +203,10 @@ class ProgramText:
 
 
 @st.composite
-def programs(draw: st.DrawFn) -> str:
-    text = ProgramText(draw)
+def programs(draw: st.DrawFn, is_used: Callable[[str], bool] = lambda _: True) -> str:
+    """Return an instruction list; `is_used` tells which comparisons, outputs and loops it may contain."""
+    compared, outputs, loops = (tuple(filter(is_used, texts)) for texts in (COMPARED, OUTPUTS, LOOPS))
+    text = ProgramText(draw, compared, outputs, loops)
     text.section(text.lines, 3)
     if draw(st.booleans()):
         text.lines += ["LD X2", "CJ P63"]

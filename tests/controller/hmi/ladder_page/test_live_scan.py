@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import pytest
@@ -14,7 +14,7 @@ from controller.core.program import Program
 from controller.core.scan import Execution, Plc
 from controller.export.instruction_list import SCRATCH, program_ladder
 from controller.fx.engine.plc import FxPlc
-from controller.fx.language.cpu_model import FX2N
+from controller.fx.language.cpu_model import FX3U
 from controller.fx.language.il import read_il
 from controller.fx.observation.observation import ScanObservation
 from controller.fx.observation.observed_plc import ObservedPlc
@@ -46,13 +46,17 @@ def held_of(snapshot: Snapshot, observer: LiveScanObserver) -> HeldScan:
     return HeldScan(snapshot.scans, snapshot.at_ms, memory)
 
 
-def differences(observer: LiveScanObserver, held: Iterable[HeldScan], truth: ScanObservation) -> list[str]:
-    """Return the devices and the instructions that differ from a scan as it was executed."""
-    seen = observer.observe(tuple(held))
+def differences(seen: LiveScan, truth: ScanObservation) -> list[str]:
+    """Return the devices and the instructions that differ from a scan as it was executed, and what is hidden."""
     assert seen.executed is not None
-    found = list(seen.differing)
+    return [*seen.differing, *seen.hidden, *wrong(seen.executed, truth)]
+
+
+def wrong(executed: ScanObservation, truth: ScanObservation) -> list[str]:
+    """Return the values of instructions that differ from a scan as it was executed."""
+    found: list[str] = []
     for name in ("executed", "contacts", "powers", "coils"):
-        rows = zip(getattr(seen.executed, name), getattr(truth, name), strict=True)
+        rows = zip(getattr(executed, name), getattr(truth, name), strict=True)
         found += [f"{name}[{at}]" for at, (one, other) in enumerate(rows) if one != other]
     return found
 
@@ -92,7 +96,7 @@ class ReadPlc(Plc):
         self._held.appendleft(held)
         if len(self._held) == HELD_SCANS or self.scans < HELD_SCANS:
             ReadPlc.compared += 1
-            found = differences(self.reader, self._held, self.observer.observation)
+            found = differences(self.reader.observe(tuple(self._held)), self.observer.observation)
             if found:
                 self.found.append((self.scans, found))
         return outputs
@@ -114,11 +118,11 @@ def test_every_scan_of_a_run_with_faults_is_that_of_the_controller(monkeypatch: 
 
 
 class Tally(Counter[str]):
-    """Numbers of scans that were recomputed as executed (equal), told to differ (told), or wrong without a word."""
+    """Numbers of scans that are shown as executed (equal), are not shown (told), or are shown otherwise (wrong)."""
 
     def add_program(self, text: str, story: list[arbitrary.FxScan]) -> None:
         """Add the scans of a program until it stops."""
-        ladder = read_il(text, cpu=FX2N)
+        ladder = read_il(text, cpu=FX3U)
         live, observer = ObservedPlc(ladder, input_filter_ms=0), LiveScanObserver(ladder)
         held: deque[HeldScan] = deque(maxlen=HELD_SCANS)
         now_ms = 0
@@ -129,26 +133,46 @@ class Tally(Counter[str]):
                 return
             held.appendleft(held_of(snapshot_of(live.memory, now_ms, live.scans), observer))
             if len(held) == HELD_SCANS or live.scans == len(held):
-                seen = observer.observe(held)
-                found = differences(observer, held, live.observation) if seen.executed else ["stopped"]
-                self["told" if seen.differing or not seen.executed else "wrong" if found else "equal"] += 1
+                known = observer.observe(held).known
+                self["told" if known is None else "wrong" if wrong(known, live.observation) else "equal"] += 1
+
+
+def rung_with(text: str) -> str:
+    """Return a rung with a comparison, an output or a loop."""
+    if text.startswith("FOR"):
+        return f"{text}\nNEXT"
+    return f"LD X0\n{text}" if text in arbitrary.OUTPUTS else f"LD{text}\nOUT Y0"
+
+
+UNREADABLE = (
+    *("> D0V0 K0", "<= Z0 K1", "D< D0Z0 D2", "FOR D0V0", "RST Z0", "RST V0", "MOV D0V0 D4", "MOV K5 Z0", "MOVP D0 V0"),
+    *("INC D4Z0", "DECP Z0", "ANS T10 K1 S900", "ANS T11 D0 S901", "STMR T12 K2 M20", "TTMR D6 K1"),
+    *("RAMP D0 D1 D20 K3", "PLSY K200 K5 Y0", "PWM K20 K50 Y1", "INCD D0 C10 M30 K2", "ABSD D0 C0 M34 K2", "REF Y0 K8"),
+    *("REFF K5", "PID D0 D1 D50 D2", "RS D0 K2 D30 K4", "MTR X0 Y20 M50 K2", "SPD X0 K20 D40", "FROM K0 K0 D0 K2"),
+    *("TO K0 K0 D0 K2", "OUT C235 K2", "OUT C246 K-2", "RST C235", "DHSCS K2 C235 Y2", "DHSCR K1 C246 C246"),
+    "DHSZ K0 K1 C235 M60",
+)
+"""Comparisons, outputs and loops of arbitrary programs with a state that no client can read."""
 
 
 @pytest.mark.parametrize("programs", first_of([15, 600], 1))
-def test_scans_of_arbitrary_programs_are_recomputed_or_told_to_differ(programs: int) -> None:
-    """Index registers, PID, PWM, high-speed counters and others have a state that no client can read.
-
-    Of 600 programs, 5,339 scans were equal, 34 told to differ, and 50 (0.9 %) wrong without a word.
-    """
+def test_scans_of_arbitrary_programs_are_shown_as_executed_or_not_at_all(programs: int) -> None:
     tally = Tally()
-    few = arbitrary.programs().filter(lambda text: "D3." not in text)
     story = settings(max_examples=programs, derandomize=True, database=None)(
-        given(few, arbitrary.STORIES)(tally.add_program)
+        given(arbitrary.programs(lambda text: text not in UNREADABLE), arbitrary.STORIES)(tally.add_program)
     )
     story()
     assert tally.total() > 4 * programs
-    assert tally["equal"] > 0.95 * tally.total()
-    assert tally["wrong"] <= 0.015 * tally.total()
+    assert tally["equal"] > 0.75 * tally.total()
+    assert tally["wrong"] == 0
+
+
+@pytest.mark.parametrize("text", UNREADABLE)
+def test_a_program_with_a_state_that_no_client_can_read_is_not_shown_as_executed(text: str) -> None:
+    lines = rung_with(text).splitlines()
+    seen = observed("\n".join([*lines, "END"]), (0, [False], ()), (10, [False], ()), (20, [False], ()))
+    assert [each.rpartition(" ")[0] for each in seen.hidden] == [line for line in lines if text in line]
+    assert seen.known is None
 
 
 def observed(text: str, *scans: tuple[int, Sequence[bool], Sequence[tuple[str, int]]]) -> LiveScan:
@@ -179,6 +203,12 @@ def test_a_device_that_only_others_write_has_its_value_of_the_scan() -> None:
     assert seen.end.contacts[0] is None, "END values do not tell pulses"
 
 
+def test_a_special_relay_has_its_value_from_before_the_held_scans() -> None:
+    seen = observed("LD M8200\nOUT Y0\nEND", (0, [], [("M", 8200)]), *((at_ms, [], []) for at_ms in (10, 20, 30, 40)))
+    assert seen.known is not None
+    assert seen.known.coils[1] is True
+
+
 def test_too_few_scans_show_end_values_only() -> None:
     ladder = read_il("LD X0\nOUT Y0\nEND")
     plc, observer = FxPlc(ladder, input_filter_ms=0), LiveScanObserver(ladder)
@@ -198,3 +228,29 @@ def test_a_scan_that_ends_with_an_error_is_not_shown_as_executed() -> None:
     seen = observer.observe([HeldScan(1, 0, memory)])
     assert seen.executed is None
     assert observer.observe([HeldScan(1, 0, memory)]).executed is None
+
+
+@pytest.mark.parametrize(
+    "rung",
+    [
+        *("LDP X1\nOUT Y0", "LDF X1\nOUT Y0", "LD X1\nORP X2\nOUT Y0", "LD X1\nPLS M0", "LD X1\nPLF M0"),
+        *("LD X1\nINCP D0", "LD X1\nOUT C0 K3", "LD X1\nOUT T250 K9", "STL S20\nOUT Y0\nRET"),
+    ],
+)
+def test_a_level_from_before_a_jump_is_not_shown_as_executed(rung: str) -> None:
+    """No client can read the level that was stored when the instruction was executed last, before the jumped scans."""
+    text = f"LD X0\nCJ P0\n{rung}\nP0\nEND"
+    executed, jumped = [False, True], [True, True]
+    scans = [(at_ms, levels, ()) for at_ms, levels in enumerate((executed, executed, jumped, jumped, executed))]
+    seen = [observed(text, *scans[:count]) for count in range(3, 6)]
+    assert [len(each.hidden) for each in seen] == [0, 0, 1]
+    assert [each.known is None for each in seen] == [False, False, True]
+    assert seen[-1].hidden[0].rpartition(" ")[0] in rung.splitlines()
+
+
+def test_in_a_rung_without_jumps_and_from_the_first_scan_on_each_level_is_known() -> None:
+    pulse = "LDP X1\nOUT Y0\nLD X1\nOUT C0 K3\nEND"
+    scans = [(at_ms, [False, bool(at_ms % 2)], ()) for at_ms in range(6)]
+    assert [observed(pulse, *scans[:count]).hidden for count in range(3, 7)] == [()] * 4
+    jumped = "LD X0\nCJ P0\nLDP X1\nOUT Y0\nP0\nEND"
+    assert observed(jumped, (0, [True, True], ()), (1, [False, True], ())).hidden == ()

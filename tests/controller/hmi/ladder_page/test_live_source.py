@@ -10,7 +10,7 @@ from pymodbus.client import ModbusTcpClient
 
 from controller.fx.observation.observed_plc import ObservedPlc
 from controller.hmi.ladder_page import live_source
-from controller.hmi.ladder_page.application import MOST_DIFFERING
+from controller.hmi.ladder_page.application import MOST_NAMED
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address
 from tests.controller.common.modbus_rig import PATIENT_S
 from tests.controller.hmi.ladder_page.evaluation import end_states
@@ -114,7 +114,7 @@ def test_a_scan_is_not_shown_as_executed_if_another_wrote_a_device_in_it(rig: La
     rig.scan(())
     look = rig.web.look("executed")
     assert (look["differing"], look["known"], look["symbols"], look["wires"]) == (["M1"], False, {}, {})
-    assert len(look["differing"]) <= MOST_DIFFERING
+    assert len(look["differing"]) <= MOST_NAMED
     assert rig.web.look("end")["symbols"]["9"] == "on", "LD M1"
 
 
@@ -154,10 +154,6 @@ def test_the_page_has_no_request_that_writes(rig: LadderRig) -> None:
             assert answer.status_code in {404, 405}, (method, path)
 
 
-def test_a_live_program_has_no_past_that_could_be_the_reason(rig: LadderRig) -> None:
-    assert rig.web.get("/api/why", device="Y2").json() == {"available": False, "lines": []}
-
-
 @pytest.mark.parametrize(
     ("path", "values"),
     [
@@ -174,6 +170,12 @@ def test_a_live_program_has_no_past_that_could_be_the_reason(rig: LadderRig) -> 
 def test_malformed_requests_are_refused(rig: LadderRig, path: str, values: dict[str, object]) -> None:
     answer = rig.web.get(path, **values)
     assert (answer.status_code, answer.json()["state"]) == (400, "malformed")
+
+
+def test_the_page_has_the_shared_scripts_and_fonts_besides_its_own_files(rig: LadderRig) -> None:
+    for name in ("main.js", "texts.js", "dom.js", "fonts.css", "foreign/noto-sans-sc-400.woff2"):
+        assert rig.web.get(f"/static/{name}").status_code == 200, name
+    assert rig.web.get("/static/login.js").status_code == 404, "a file of the panel"
 
 
 def test_another_site_is_refused(rig: LadderRig) -> None:

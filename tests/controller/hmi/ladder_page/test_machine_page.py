@@ -62,6 +62,10 @@ def test_every_contact_and_coil_of_the_machine_beside_another_client(monkeypatch
                 assert {at: shown[str(at)] for at in expected if shown[str(at)] != expected[at]} == {}
                 executed = web.look("executed")
                 assert (executed["scan"], executed["differing"], executed["known"]) == (twin.plc.scans, [], True)
+                answer = web.get("/api/why", device="Y2").json()
+                assert answer["available"]
+                assert answer["lines"][0]["text"]["en"].startswith("Why is Y2 left.lift_retract ")
+                assert answer["lines"][-1]["text"]["zh"] == "未经重放证明：此前的扫描未记录"
             assert len(expected) > 4_000
 
 

@@ -128,6 +128,7 @@ def test_a_lost_connection_is_never_shown_as_current(rig: LadderRig, browser: Br
     with LadderScreen(browser, rig, locale="zh-CN") as screen:
         page = screen.page
         expect(page.locator("[data-view=end]")).to_have_text(TEXTS["view.end"].zh)
+        assert "400 loaded" in page.evaluate(FONTS), "the Chinese font of the page"
         rig._server.__exit__(None, None, None)
         expect(page.locator("body")).to_have_attribute("data-link", "lost")
         expect(page.locator("#message")).to_have_text(TEXTS["state.lost"].zh)
@@ -143,6 +144,11 @@ def test_step_charts_mark_the_active_steps(rig: LadderRig, browser: Browser) -> 
         expect(screen.page.locator("g.step[data-state='21']")).to_have_class("step")
 
 
+FONTS = """async () => {
+  await document.fonts.ready;
+  const chinese = [...document.fonts].filter((each) => each.family.includes("Panel Chinese"));
+  return chinese.map((each) => `${each.weight.startsWith("100") ? 400 : 700} ${each.status}`).join();
+}"""
 SCROLL = """async () => {
   const ladder = document.getElementById("ladder");
   const gaps = [];

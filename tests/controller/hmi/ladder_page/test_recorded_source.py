@@ -87,6 +87,22 @@ def test_commands_move_the_page(web: WebRig) -> None:
     assert web.look("end")["active"] == ["Y1", "S0"]
 
 
+def test_rungs_are_steps_within_a_scan(web: WebRig) -> None:
+    """From END of a scan, each step forward is before a rung that the next scan executes, and back again."""
+    ladder = read_il(TEXT)
+    reference, truth = CrossReference(ladder), ObservedPlc(ladder, input_filter_ms=0)
+    for scan in range(1, 32):
+        truth.scan(10 * (scan - 1), [scan >= PRESSED])
+    executed = {reference.rung_at(at): at for at, ran in enumerate(truth.observation.executed) if ran}
+    assert 2 < len(executed) < len(reference.rungs) - 1, "an inactive step"
+    command(web, "goto 30")
+    forward = [command(web, "forward 1 rung")["run"] for _ in executed]
+    assert [(run["scan"], run["rung"]) for run in forward] == [(30, rung) for rung in executed]
+    back = command(web, "back 1 rung")["run"]
+    assert (back["scan"], back["rung"]) == (30, [*executed][-2])
+    assert command(web, "forward 1 scan")["run"]["rung"] is None
+
+
 def test_a_branch_is_a_second_track_with_its_first_difference(web: WebRig) -> None:
     run = command(web, f"branch X0=off@{PRESSED + 10}..")["run"]
     assert (run["track"], run["branch"], run["differs"]) == ("recorded", [PRESSED + 10, SCANS], PRESSED + 10)
@@ -139,6 +155,17 @@ def test_the_slider_and_the_buttons_move_back_and_forth(web: WebRig, browser: Br
     page.locator("[data-run='back 1 scan']").click()
     expect(body).to_have_attribute("data-shown", f"end {PRESSED + 19}")
     expect(page.locator("g.symbol[data-at='3']")).to_have_class("symbol off")
+    page.locator("[data-run='forward 1 rung']").click()
+    expect(body).to_have_attribute("data-shown", f"executed {PRESSED + 20}")
+    expect(page.locator("section[data-here]")).to_have_attribute("data-rung", "0")
+    page.locator("[data-run='forward 1 rung']").click()
+    expect(page.locator("section[data-here]")).to_have_attribute("data-rung", "1")
+    page.locator("[data-run='back 1 rung']").click()
+    expect(page.locator("section[data-here]")).to_have_attribute("data-rung", "0")
+    page.locator("[data-run='back 1 rung']").click()
+    expect(page.locator("section[data-here]")).to_have_count(0)
+    expect(body).to_have_attribute("data-shown", f"executed {PRESSED + 19}")
+    page.locator("[data-view=end]").click()
     page.locator("#slider").fill("7")
     expect(body).to_have_attribute("data-shown", "end 7")
     page.locator("[data-tab=run]").click()

@@ -125,7 +125,7 @@ class PanelRig:
     """Running panel; the controller scans in real time between `__enter__` and `__exit__`.
 
     A busy computer may delay a scan and an answer by any time: until `__exit__`, writes wait for a scan, and the panel
-    for an answer and for the outcome of a command, for up to `TIMEOUT_S`; values are outdated as late.
+    for an answer (`answer_s`) and for the outcome of a command, for up to `TIMEOUT_S`; values are outdated as late.
     """
 
     def __init__(
@@ -139,6 +139,7 @@ class PanelRig:
         first_run: bool = False,
         quota: Quota = QUOTA,
         request_ms: int = REQUEST_MS,
+        answer_s: float = TIMEOUT_S,
     ) -> None:
         self.hmi = HmiRig(twin, pace=pace, allow_forcing=allow_forcing)
         self.hmi.scans_for_writes = False
@@ -157,7 +158,7 @@ class PanelRig:
         clock = MonotonicClock()
         sources = Sources(
             self.twin.machine,
-            lambda: ModbusConnection("127.0.0.1", self.port, timeout_s=TIMEOUT_S, introduction=INTRODUCTION),
+            lambda: ModbusConnection("127.0.0.1", self.port, timeout_s=answer_s, introduction=INTRODUCTION),
             None if telemetry is None else telemetry(clock),
             HistoryReader(folder / "history.sqlite"),
             clock,

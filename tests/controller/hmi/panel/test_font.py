@@ -112,7 +112,7 @@ def test_the_folder_has_the_files_of_the_packages_and_their_mark_only() -> None:
 
 
 def test_the_style_sheet_takes_the_chinese_characters_from_the_font() -> None:
-    sheet = (STATIC / "themes.css").read_text(encoding="utf-8")
+    sheet = (ROOT / "controller/hmi/web/static/fonts.css").read_text(encoding="utf-8")
     blocks = ", ".join(f"U+{first:04X}-{last:04X}" for first, last in CHINESE)
     chinese = sheet[sheet.index('"Panel Chinese"') :]
     assert re.findall(r"unicode-range: (.*);", chinese) == [blocks] * len(FONTS)

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from controller.hmi.modbus.connection import ANSWER_LIMIT_S
 from controller.hmi.panel.orders import operator
 from controller.hmi.panel.orders.messages import MessageError, read_order
 from controller.hmi.panel.orders.replies import REPLIES
@@ -218,6 +219,22 @@ def test_without_a_scan_an_order_is_not_executed(rig: PanelRig, monkeypatch: pyt
     machine = rig.twin.machine.tags
     assert rig.twin.plc.read(machine.machine.mode) == Mode.CONTINUOUS
     assert rig.twin.plc.read(machine.sp.settle) != 33
+
+
+def test_the_panel_waits_longer_than_a_busy_controller_that_withdraws_a_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It shows that the order was not executed, not that there is no response; all waits are five times as long."""
+    longer = 5
+    with (
+        PanelRig(tmp_path, answer_s=longer * ANSWER_LIMIT_S) as rig,
+        rig.browser("operate") as browser,
+        monkeypatch.context() as patch,
+    ):
+        patch.setattr(ScanWrite, "limit_s", longer * (NO_SCAN_LIMIT_S + 0.1))  # answered late
+        with rig.without_scans():
+            reply = browser.order(type="command", command="mode_manual")
+        assert english(reply).startswith("not executed: the controller does not scan")
 
 
 def test_inputs_are_forced_only_where_and_when_allowed(tmp_path: Path) -> None:

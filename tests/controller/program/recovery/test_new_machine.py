@@ -143,6 +143,18 @@ def test_a_declaration_outlasts_a_loss_of_power() -> None:
     assert twin.plant.conveyor.placed_tray == 1
 
 
+def test_a_declaration_in_the_first_scan_after_a_loss_is_accepted() -> None:
+    """A client sets the command before the first scan; the memory is empty, and only its loss is reported."""
+    twin = machine(trays=2, trays_target=1)
+    twin.home()
+    twin.store.values = None
+    twin.power_cycle()
+    twin.plc.write(twin.machine.tags.system.memory_lost, 1)
+    declare(twin)
+    assert (twin.alarms(), refusals(twin), questions(twin)) == ([], [], set())
+    assert (phase(twin), rows(twin)) == (MOVING_OUT, {TAKEN})
+
+
 @pytest.mark.parametrize(("state", "alarm", "expected"), [(lose, True, FORGOTTEN), (declare_new, False, COMING)])
 def test_a_runtime_states_the_memory_before_the_first_scan(
     state: Callable[..., None], alarm: bool, expected: int

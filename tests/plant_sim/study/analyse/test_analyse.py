@@ -70,9 +70,11 @@ def test_the_example_is_analysed_as_counts_with_blocks(capsys: pytest.CaptureFix
     assert record["model"]["order"] == "quadratic"
     assert record["roles"] == (
         "Roles of the columns, guessed from their headings (change them with --counts, --total, --response, --factors, "
-        "--blocks, --whole-plots): response: lost of 144; factors: foam thickness, seedling age, claw pressure; "
-        "blocks: date; not used: order, total."
+        "--categorical, --blocks, --whole-plots): response: lost of 144; factors: foam thickness, seedling age, claw "
+        "pressure; blocks: date; not used: order, total."
     )
+    assert main(["study", "analyse", str(EXAMPLE), "--link", "identity"]) == 0
+    assert "without an effect: 3 to 7 %, the highest for seedlings" in capsys.readouterr().out
     assert record["command"].endswith(f"analyse {EXAMPLE} --counts lost --total 144")
     assert record["optimum"]["low"][2] <= record["optimum"]["natural"][2] <= record["optimum"]["high"][2]
 

@@ -40,7 +40,11 @@ def refused(folder: Path, text: str | bytes, capsys: pytest.CaptureFixture[str])
         ("16,45,92", "l6,45,92", "4: column foam: 'l6' has a letter in place of a digit; write 16"),
         ("16,45,92", "16,45,１２", "4: column S: '１２' has full-width characters; write 12"),
         ("16,45,92", "16,45,92%", "4: column S: '92%' has a unit; write 92 and the unit in the heading, as in S (%)"),
-        ("16,45,92", "16,45,good", "4: column S: 'good' is not a number; correct it, or number the kinds 1, 2, ..."),
+        (
+            "16,45,92",
+            "16,45,good",
+            "4: column S: 'good' is not a number; correct it, or name a factor of names with --categorical",
+        ),
         ("16,45,92", "16,45,1e999", "4: column S: is too large; write a finite number"),
         ("16,45,92", "16,45,9,2", "4: has 4 cells for 3 columns; a decimal comma, as in 1,5, ends a cell; write 1.5"),
         ("16,45,92", "16,45", "4: has 2 cells for 3 columns; complete the line"),

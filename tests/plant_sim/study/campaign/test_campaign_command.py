@@ -167,6 +167,8 @@ def test_stored_runs_are_not_computed_again(
     printed = capsys.readouterr()
     record = json.loads(printed.out)
     assert (record["runs"], record["computed"], record["files"]) == (SMALL_RUNS, 0, len(times_ns))
+    assert record["origin"][0].startswith("What was fitted to what: ")
+    assert record["changed_parameters"] == []
     assert printed.err == f"{SMALL_RUNS} of {SMALL_RUNS} runs\n"
     assert {path: path.stat().st_mtime_ns for path in shards(out)} == times_ns
 

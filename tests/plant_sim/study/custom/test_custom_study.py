@@ -416,7 +416,7 @@ def test_other_means_have_the_student_interval_if_the_trials_differ() -> None:
 
 
 def test_the_scatter_between_trials_is_listed_beside_the_pooled_values(tmp_path: Path) -> None:
-    """The report states the assumption of the binomial intervals if a response counts seedlings."""
+    """The report states whether binomial intervals are allowed if a response counts seedlings."""
     own = load_custom_study(written(tmp_path, edited("[S, cycle_time_s]", "[S, missed_cups]")), MACHINE)
     study = custom_study(own, options())
     heading, (run, _, low, high, sd) = table(study, "s-intervals").heading, table(study, "s-intervals").rows[0]
@@ -424,7 +424,7 @@ def test_the_scatter_between_trials_is_listed_beside_the_pooled_values(tmp_path:
     assert (run, sd) == (1, 0.0)
     assert None not in (low, high)
     assert table(study, "missed-cups-intervals").shown()[0][2:4] == ("-", "-")
-    assert "assume that seedlings fail independently. A late release or a stop loses up to 12 at once" in study.text()
+    assert "Binomial intervals: allowed (scatter between equal trials" in study.text()
     uncounted = load_custom_study(written(tmp_path, edited("[S, cycle_time_s]", "[missed_cups]")), MACHINE)
     assert "seedling to fail by itself" not in custom_study(uncounted, options()).text()
 

@@ -131,7 +131,8 @@ def test_the_record_contains_the_figures(study: Study) -> None:
 
 
 def test_the_plots_show_all_pairs_and_mark_the_optimum(study: Study) -> None:
-    residuals, over, runs = figures_of(study).values()
+    residuals, over, weighted, runs = figures_of(study).values()
+    assert len(weighted.axes) == len(over.axes)
     assert [axes.get_ylabel() for axes in residuals.axes] == ["studentized residual"] * 2
     *panels, _ = over.axes
     pairs = [(axes.get_xlabel().split(",")[0], axes.get_ylabel().split(",")[0]) for axes in panels]

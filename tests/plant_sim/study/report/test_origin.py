@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.report.origin import changed_keys, origin_parts
 
@@ -23,6 +25,9 @@ def test_changed_parameters_are_named_before_anything_else() -> None:
     assert changed.startswith("Changed machine: seedling.adhesion_n differ from the delivered machine")
     assert fitted.startswith("What was fitted to what")
     names = ("cut_n", "cut_sd", "cut_age", "endurance", "crown_m", "sway_m", "stick_m")
+    (from_file, _) = origin_parts(one, Path("mine/sticky.yaml"))
+    assert from_file.startswith("Changed machine (mine/sticky.yaml): seedling.adhesion_n differ")
+    assert len(origin_parts(DELIVERED, Path("mine/same.yaml"))) == 1
     many = DELIVERED.with_values({f"seedling.{name}": 1.01 * getattr(DELIVERED.seedling, name) for name in names})
     assert len(changed_keys(many)) == 7
     assert " and 2 others differ from the delivered machine" in origin_parts(many)[0]

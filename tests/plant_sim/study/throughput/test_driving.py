@@ -236,14 +236,17 @@ def test_the_figures_show_the_intervals_of_the_trials() -> None:
         46: FrequencyResult(46, FactorSetting({}), (trial(), trial())),
     }
     shown = replace(result_with(45, 45), results=results, limits=limits_of(results, {}))
-    scan = [each for each in drawn_marks(scan_figure(shown)) if each.kind == "points"]
+    figure = scan_figure(shown)
+    limit = shown.limits.without_gap.limit
+    assert [text.get_text() for text in figure.axes[0].texts] == ([] if limit is None else [f"limit {limit}/min"])
+    scan = [each for each in drawn_marks(figure) if each.kind == "points"]
     assert [(each.x, each.y) for each in scan] == [(45, 50), (46, 0)]
     assert [(each.y_low, each.y_high) for each in scan] == [
         pytest.approx((1.258, 98.742), abs=1e-3),
         pytest.approx((0.0, 84.189), abs=1e-3),
     ]
     paces = {each: CyclePace(each, (Observed(FactorSetting({}), 1, EMPTY, (), ""),)) for each in results}
-    marks = drawn_marks(curves(list(results.values()), paces))
+    marks = drawn_marks(curves(list(results.values()), paces, is_binomial=True))
     air = [each for each in marks if each.y_axis.startswith("air consumption")]
     assert [(each.y, each.y_low, each.y_high) for each in air] == [
         pytest.approx((41.0, 41.0 - 12.7062, 41.0 + 12.7062), abs=1e-3),

@@ -206,6 +206,7 @@ def test_a_shorter_motion_gives_margin_and_a_longer_one_takes_it() -> None:
 def test_the_report_contains_recommendation_cause_and_bottleneck() -> None:
     """The other arm in the centre causes the first gaps; the slide accounts for most of the critical path."""
     found = study()
+    assert str(found.parts[0]).startswith("What was fitted to what: ")
     bottleneck = json.loads(found.json())["bottlenecks"]["without-tray-change"]
     assert (bottleneck["device"], bottleneck["row"]) == ("slide", 3)
     assert sum(bottleneck["motions_s"].values()) == pytest.approx(bottleneck["round_s"])

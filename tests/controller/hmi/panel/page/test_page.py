@@ -8,12 +8,12 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, WebSocketRoute, expect
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from controller.hmi.panel.view import texts
-from controller.hmi.panel.web.sockets import QUOTA
+from controller.hmi.panel.web.sockets import QUOTA, TOO_MANY
 from controller.io.pace import PAUSED
 from controller.program.alarms.guide import likely_causes
 from controller.program.operator.next_press import NextPress
@@ -162,6 +162,27 @@ def test_a_page_without_a_place_tells_so(stopped: Station, browser: Browser) -> 
             )
         expect(screen.find("[data-part=stale]")).to_have_text(texts.TEXTS["link.full"].en)
         screen.log_in("operate")
+
+
+def test_a_page_without_views_that_loses_its_place_tells_so(stopped: Station, browser: Browser) -> None:
+    """A busy computer delivers no view for a second before the panel closes the connection for another browser."""
+    open_sockets: list[WebSocketRoute] = []
+
+    def send_first_view(socket: WebSocketRoute) -> None:
+        open_sockets.append(socket)
+        if len(open_sockets) == 1:
+            server = socket.connect_to_server()
+            server.on_message(lambda view: socket.send(view) if '"full"' in str(view) else None)
+
+    context = browser.new_context()
+    page = context.new_page()
+    page.route_web_socket(re.compile(".*"), send_first_view)
+    page.goto(stopped.panel.url)
+    stale = page.locator("[data-part=stale]")
+    expect(stale).to_have_text(texts.TEXTS["link.closed"].en)
+    open_sockets[0].close(code=TOO_MANY)
+    expect(stale).to_have_text(texts.TEXTS["link.full"].en)
+    context.close()
 
 
 def test_view_level_is_asked_to_log_in(stopped: Station, browser: Browser) -> None:

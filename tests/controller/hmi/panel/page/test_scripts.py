@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
 from controller.hmi.panel.view import texts
 from controller.hmi.panel.web import app
+from controller.hmi.web import files
 
 STATIC = app.STATIC
+SHARED = Path(files.__file__).parent / "static"
 SCRIPTS = {
     path.relative_to(STATIC).as_posix(): path.read_text(encoding="utf-8")
     for path in STATIC.rglob("*.js")
@@ -64,7 +67,7 @@ def test_every_text_has_both_languages_and_the_same_placeholders() -> None:
 
 
 def test_page_loads_nothing_from_other_hosts() -> None:
-    for path in (path for path in STATIC.iterdir() if path.is_file()):
+    for path in (path for folder in (STATIC, SHARED) for path in folder.iterdir() if path.is_file()):
         text = path.read_text(encoding="utf-8")
         external = [url for url in re.findall(r"(?:https?:)?//[\w.]+\.\w+[^\s\"']*", text) if "www.w3.org" not in url]
         assert external == [], path.name

@@ -1,32 +1,10 @@
-// Creation of elements, texts by key, and requests; independent of the program.
+// Texts by key, and requests.
+
+import { write } from "./dom.js";
 
 let texts = {};
 let selected = "en";
 const STORED = "ladder-language";
-
-/** Create an element: attributes by name, `text`, `on: {event: handler}`, followed by the children. */
-export function make(tag, attributes = {}, ...children) {
-  const node = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name === "text") node.textContent = value;
-    else if (name === "on") Object.entries(value).forEach(([event, handler]) => node.addEventListener(event, handler));
-    else if (value !== null && value !== undefined && value !== false) node.setAttribute(name, value === true ? "" : value);
-  }
-  node.append(...children.filter((child) => child !== null && child !== undefined));
-  return node;
-}
-
-/** Create an element of a picture. */
-export function draw(tag, attributes = {}) {
-  const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
-  Object.entries(attributes).forEach(([name, value]) => node.setAttribute(name, value));
-  return node;
-}
-
-/** Set the text of a node only if it differs. */
-export function write(node, text) {
-  if (node.textContent !== text) node.textContent = text;
-}
 
 /** Take the table of texts; the language is the stored one, else that of the browser. */
 export function useTexts(table) {
@@ -65,6 +43,12 @@ export function localized(text) {
 /** Return the text of a key with its placeholders replaced. */
 export function t(key, values = {}) {
   return localized(texts[key]).replace(/\{(\w+)\}/g, (all, name) => (name in values ? String(values[name]) : all));
+}
+
+/** Return why a scan is not known as executed. */
+export function unknown({ hidden, differing }) {
+  if (hidden.length > 0) return t("hidden", { instructions: hidden.join(", ") });
+  return differing.length > 0 ? t("differs", { devices: differing.join(", ") }) : t("few");
 }
 
 /** Return the answer to a request as {status, body}; status 0 = no answer in time. */

@@ -1,4 +1,4 @@
-// Creation and update of DOM elements; independent of the machine.
+// Creation and update of DOM elements, for all pages; independent of the machine.
 
 const SVG = "http://www.w3.org/2000/svg";
 
