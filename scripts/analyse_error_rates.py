@@ -1,76 +1,144 @@
-"""False alarms of ``study analyse``, from the CSV file to the P value, by simulation.
+"""False alarms of ``study analyse``, by simulation.
 
 ``python -m scripts.analyse_error_rates`` prints the table of docs/statistics.md. No factor has an effect. Seedlings of
-a tray of 72 are correlated as in `scripts.error_rates`; every table is written as a CSV file and analysed by the
-functions of the command.
+a tray of 72 are correlated as in `scripts.error_rates`. The tests are those of the command, for many tables at once; a
+test compares their P values with those of CSV files that the command reads.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import itertools
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Final
 
 import numpy as np
 from scipy import stats
 
-from plant_sim.study.analyse.model import TrialModel, fit_model
+from plant_sim.common.polynomial import CONSTANT, model_matrix
+from plant_sim.study.analyse.model import TrialModel, fit_model, model_terms
 from plant_sim.study.analyse.roles import RoleOptions, assign
 from plant_sim.study.analyse.table import read_table
+from plant_sim.study.doe.block_columns import block_columns
 from plant_sim.study.doe.irls import Array, Link
+from plant_sim.study.doe.score_test import nested_f, pure_matrix
 from plant_sim.study.doe.standard_designs import box_behnken
-from scripts.error_rates import CORRELATIONS, NOMINAL, simulated, table
+from scripts.error_rates import CORRELATIONS, NOMINAL, SEEDLINGS, simulated, table
 
 LINKS: Final[tuple[Link, ...]] = ("logit", "identity")
 DESIGNS: Final = ("blocks", "whole plots")
-SEEDLINGS: Final = 144
 BLOCK_SHARES: Final = (0.07, 0.09)
 """Share of losses in each block."""
 PLOT_SHARE: Final = 0.08
 PLOT_CORRELATION: Final = 0.02
 """Mean share of losses of the whole plots, and correlation of two seedlings of different trials of one plot."""
-_PLOTS, _FOAMS_MM = 8, (8, 8, 16, 16)
+TABLES: Final = 4000
+_PLOTS, _FOAMS_MM, _AGES_D = 8, (8, 8, 16, 16), (45, 55)
+_POINTS: Final = np.vstack([box_behnken(3, centres=3)] * 2)
 
 
-def block_table(correlation: float, rng: np.random.Generator) -> tuple[Sequence[str], list[Sequence[object]]]:
-    """Return heading and lines of a Box-Behnken design in two blocks of different losses."""
-    points = box_behnken(3, centres=3)
-    lines: list[Sequence[object]] = []
-    for block, share in enumerate(BLOCK_SHARES):
-        lost = _lost(np.full(len(points), share), correlation, rng)
-        lines += [(*point, f"D{block}", count, SEEDLINGS) for point, count in zip(points.tolist(), lost, strict=True)]
-    return ("foam", "age", "pressure", "date", "lost", "total"), lines
+@dataclass(frozen=True)
+class FactorTest:
+    """Test of one stratum of the error.
+
+    Attributes:
+        name: Name of the test.
+        without: Model matrix of the hypothesis.
+        matrix: Model matrix.
+        pure: Matrix of the pure error.
+        pooled: Number of successive trials whose counts are pooled to one mean.
+    """
+
+    name: str
+    without: Array
+    matrix: Array
+    pure: Array
+    pooled: int = 1
+
+    def p_values(self, lost: Array, seedlings: int, link: Link) -> Array:
+        """Return the P value of each table."""
+        counts = lost.reshape(len(lost), -1, self.pooled).sum(axis=-1)
+        totals = np.full(counts.shape[1], float(seedlings * self.pooled))
+        f = nested_f(self.without, self.matrix, self.pure, counts / totals, totals, link=link)
+        terms, degrees = self.matrix.shape[1] - self.without.shape[1], len(totals) - self.pure.shape[1]
+        return np.asarray(stats.f.sf(f, terms, degrees))
 
 
-def plot_table(correlation: float, rng: np.random.Generator) -> tuple[Sequence[str], list[Sequence[object]]]:
-    """Return heading and lines of whole plots, each of one age and with a share of losses of its own."""
+def block_losses(seedlings: int, correlation: float, tables: int, rng: np.random.Generator) -> Array:
+    """Return the losses of a Box-Behnken design in two blocks of different losses, one table per row."""
+    return seedlings * simulated(np.repeat(BLOCK_SHARES, len(_POINTS) // 2), seedlings, correlation, tables, rng)
+
+
+def plot_losses(seedlings: int, correlation: float, tables: int, rng: np.random.Generator) -> Array:
+    """Return the losses of whole plots, each of one age and with a share of losses of its own, one table per row."""
     strength = (1 - PLOT_CORRELATION) / PLOT_CORRELATION
-    shares = rng.beta(PLOT_SHARE * strength, (1 - PLOT_SHARE) * strength, _PLOTS)
-    lines: list[Sequence[object]] = []
-    for plot, share in enumerate(shares):
-        lost = _lost(np.full(len(_FOAMS_MM), share), correlation, rng)
-        lines += [(plot, (45, 55)[plot % 2], foam, n, SEEDLINGS) for foam, n in zip(_FOAMS_MM, lost, strict=True)]
-    return ("batch", "age", "foam", "lost", "total"), lines
+    shares = rng.beta(PLOT_SHARE * strength, (1 - PLOT_SHARE) * strength, (tables, _PLOTS))
+    of_trials = shares.repeat(len(_FOAMS_MM), axis=1)
+    return seedlings * np.vstack([simulated(each, seedlings, correlation, 1, rng) for each in of_trials])
 
 
-def _lost(shares: Array, correlation: float, rng: np.random.Generator) -> list[int]:
-    observed = simulated(shares, SEEDLINGS, correlation, 1, rng)[0]
-    return [round(SEEDLINGS * share) for share in observed.tolist()]
+LOSSES: Final[Mapping[str, Callable[[int, float, int, np.random.Generator], Array]]] = {
+    "blocks": block_losses,
+    "whole plots": plot_losses,
+}
+"""Simulation of the losses of each design."""
 
 
-_TABLES = {"blocks": block_table, "whole plots": plot_table}
+@cache
+def factor_tests(design: str) -> tuple[FactorTest, ...]:
+    """Return the tests of the factors and of the lack of fit of a design."""
+    if design == "blocks":
+        coded = np.hstack([_POINTS, block_columns([0] * 15 + [1] * 15)])
+        blocks = model_matrix(coded, [CONSTANT, "X4"])
+        matrix = model_matrix(coded, [CONSTANT, *model_terms(_POINTS, "quadratic"), "X4"])
+        pure = pure_matrix(coded, 1)
+        return FactorTest("factors", blocks, matrix, pure), FactorTest("lack of fit", matrix, pure, pure)
+    ages = np.array([[-1.0], [1.0]] * (_PLOTS // 2))
+    between = model_matrix(ages, [CONSTANT, "X1"])
+    plots = block_columns(np.repeat(np.arange(_PLOTS), len(_FOAMS_MM)).tolist())
+    foam = np.tile([-1.0, -1.0, 1.0, 1.0], _PLOTS)[:, np.newaxis]
+    factors = np.hstack([ages.repeat(len(_FOAMS_MM), axis=0), foam])
+    within = np.hstack([np.ones_like(foam), plots])
+    return (
+        FactorTest("factors between whole plots", between[:, :1], between, pure_matrix(ages), len(_FOAMS_MM)),
+        FactorTest(
+            "factors within whole plots",
+            within,
+            np.hstack([within, model_matrix(factors, ["X2", "X1 X2"])]),
+            pure_matrix(np.hstack([factors, plots]), plots.shape[1]),
+        ),
+    )
+
+
+def lines_of(design: str, lost: Array, seedlings: int) -> list[Sequence[object]]:
+    """Return heading and lines of the CSV file of a table."""
+    counts = [round(each) for each in lost.tolist()]
+    if design == "blocks":
+        blocks = [f"D{number // 15}" for number in range(len(counts))]
+        rows = zip(_POINTS.tolist(), blocks, counts, strict=True)
+        heading = ("foam", "age", "pressure", "date", "lost", "total")
+        return [heading, *((*point, block, count, seedlings) for point, block, count in rows)]
+    trials = itertools.product(range(_PLOTS), _FOAMS_MM)
+    return [
+        ("batch", "age", "foam", "lost", "total"),
+        *(
+            (plot, _AGES_D[plot % 2], foam, count, seedlings)
+            for (plot, foam), count in zip(trials, counts, strict=True)
+        ),
+    ]
+
+
 _ROLES = {
     "blocks": RoleOptions(),
     "whole plots": RoleOptions(factors=("age", "foam"), whole_plots="batch", counts="lost", total="total"),
 }
 
 
-def p_values(path: Path, design: str, link: Link) -> dict[str, float]:
+def p_values_of_file(path: Path, design: str, link: Link) -> dict[str, float]:
     """Return the P values of the factors together and of the lack of fit of a file, by stratum of the error."""
     model = fit_model(assign(read_table(path), _ROLES[design]), None, link)
     assert isinstance(model, TrialModel)  # noqa: S101 - the designs identify a model
@@ -84,30 +152,37 @@ def p_values(path: Path, design: str, link: Link) -> dict[str, float]:
     return found
 
 
-def rejections(design: str, link: Link, correlation: float, tables: int, seed: int = 1) -> dict[str, int]:
-    """Return in how many tables without any effect each test rejects at the nominal 5 %."""
-    rng = np.random.default_rng((seed, DESIGNS.index(design), round(1000 * correlation)))
-    found: dict[str, int] = {}
-    with TemporaryDirectory() as folder:
-        path = Path(folder, "trials.csv")
-        for _ in range(tables):
-            heading, lines = _TABLES[design](correlation, rng)
-            with path.open("w", encoding="utf-8", newline="") as file:
-                csv.writer(file).writerows([heading, *lines])
-            for test, p in p_values(path, design, link).items():
-                found[test] = found.get(test, 0) + (p < NOMINAL)
-    return found
+def rejections(
+    design: str, seedlings: int, correlation: float, tables: int, seed: int = 1
+) -> dict[str, dict[str, int]]:
+    """Return by link in how many tables without any effect each test rejects at the nominal 5 %."""
+    rng = np.random.default_rng((seed, DESIGNS.index(design), seedlings, round(1000 * correlation)))
+    lost = LOSSES[design](seedlings, correlation, tables, rng)
+    return {
+        link: {
+            test.name: int(np.count_nonzero(test.p_values(lost, seedlings, link) < NOMINAL))
+            for test in factor_tests(design)
+        }
+        for link in LINKS
+    }
 
 
 def rows(tables: int) -> list[tuple[str, ...]]:
-    """Return the rows of the table of false alarms."""
-    cells: list[tuple[str, ...]] = []
-    for design, link, correlation in itertools.product(DESIGNS, LINKS, CORRELATIONS):
-        for test, count in rejections(design, link, correlation, tables).items():
-            low, high = stats.binomtest(count, tables).proportion_ci(method="exact")
-            rate = f"{100 * count / tables:.1f} ({100 * low:.1f} to {100 * high:.1f})"
-            cells.append((design, test, link, f"{correlation:g}", rate))
-    return sorted(cells, key=lambda row: (row[0], row[1]))
+    """Return the rows of the table of false alarms, with a column for each correlation."""
+    cells: dict[tuple[str, ...], list[str]] = {}
+    for design, seedlings, correlation in itertools.product(DESIGNS, SEEDLINGS, CORRELATIONS):
+        for link, found in rejections(design, seedlings, correlation, tables).items():
+            for test, count in found.items():
+                low, high = stats.binomtest(count, tables).proportion_ci(method="exact")
+                rate = f"{100 * count / tables:.1f} ({100 * low:.1f} to {100 * high:.1f})"
+                cells.setdefault((design, test, link, f"{seedlings:,}"), []).append(rate)
+    order = [(design, test.name) for design in DESIGNS for test in factor_tests(design)]
+    keys = sorted(cells, key=lambda key: (order.index((key[0], key[1])), LINKS.index(_link(key[2]))))
+    return [(*key, *cells[key]) for key in keys]
+
+
+def _link(name: str) -> Link:
+    return next(link for link in LINKS if link == name)
 
 
 def main() -> None:
@@ -115,8 +190,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="python -m scripts.analyse_error_rates", description=__doc__, allow_abbrev=False
     )
-    parser.add_argument("--tables", type=int, default=1000, help="simulated tables per row (default: 1000)")
-    heading = ("design", "test", "link", "correlation", "false alarms, % (95 % interval)")
+    parser.add_argument("--tables", type=int, default=TABLES, help=f"simulated tables of each kind (default: {TABLES})")
+    heading = ("design", "test", "link", "seedlings", *(f"correlation {each:g}" for each in CORRELATIONS))
     sys.stdout.write(table(heading, rows(parser.parse_args().tables)) + "\n")
 
 

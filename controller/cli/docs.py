@@ -299,7 +299,8 @@ def instruction_table(_: Transplanter) -> str:
     marks = (
         "Most FNC numbers are taken from third-party sources. Unless [fx2n.md](../sources/fx2n.md) names a source, the "
         "remaining numbers, the operand types, the step counts by device type and the details of applied instructions "
-        "are based on general knowledge and have not been checked against a Mitsubishi manual."
+        "are based on general knowledge and have not been checked against a Mitsubishi manual. Section 1.14 of that "
+        "page lists the second opinion on each instruction."
     )
     return (
         f"# Instructions\n\n{GENERATED}\n\n{marks}\n\n{reference_table(heading, *rows)}\n## Special devices\n\n"

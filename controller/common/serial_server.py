@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib
 import logging
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Final
@@ -46,6 +47,19 @@ def open_port(path: str, baud: int, *, data_bits: int = 8, parity: str, stop_bit
         )
     except termios.error as error:  # pyserial 3.5 does not translate it if an adapter is unplugged while it is opened
         raise OSError(*error.args) from error
+
+
+def close_port(port: Any) -> None:
+    """Close a serial line; an error, as of an adapter that has been unplugged, is none of its user.
+
+    The system has released the descriptor although it reports an error. pyserial would close it again later, when it is
+    perhaps that of another file; the null device takes its place.
+    """
+    try:
+        port.close()
+    except OSError:
+        port.fd = os.open(os.devnull, os.O_RDONLY)
+        port.close()
 
 
 class SerialServer(ABC):
@@ -164,7 +178,7 @@ class SerialServer(ABC):
             self._late.abandon()
             self._late = None
         self._loop.remove_reader(self._port.fileno())
-        self._port.close()
+        close_port(self._port)
         self._port = None
         if self._gap is not None:
             self._gap.cancel()

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 import yaml
 
 from controller.common.errors import InputError
+from controller.common.files.text_encoding import REMEDY, EncodingError, file_text
 
 KeyPath = tuple[str | int, ...]
 """Keys and list indices that lead to a value, such as ``("inputs", 0, "at_ms")``; empty for the mapping itself."""
@@ -112,11 +113,19 @@ def _compose(text: str, loader: type[yaml.BaseLoader | yaml.SafeLoader]) -> yaml
     return yaml.compose(text, Loader=loader)
 
 
+def _encoding(data: bytes) -> str:
+    """Return the encoding of a text that is not UTF-8."""
+    try:
+        return file_text(data).encoding
+    except EncodingError:
+        return "not UTF-8"
+
+
 def _description(error: UnicodeDecodeError | yaml.YAMLError | RecursionError, data: bytes) -> tuple[int, str]:
     """Return the line of an error, and its description with the remedy."""
     match error:
         case UnicodeDecodeError():
-            return data.count(b"\n", 0, error.start) + 1, "is not UTF-8 text; save it as UTF-8"
+            return data.count(b"\n", 0, error.start) + 1, f"is {_encoding(data)} text; {REMEDY}"
         case yaml.reader.ReaderError():
             text, at = data.decode(), error.position
             problem = f"is not YAML (character U+{ord(text[at]):04X}); delete the character"

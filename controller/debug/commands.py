@@ -227,9 +227,8 @@ class Debugger:
 
     def _events(self, text: str) -> Iterator[str]:
         _nothing(text, "events")
-        for scan, entry in self.line.entries():
-            if scan <= self.line.last:
-                yield f"scan {scan}: {entry}"
+        for scan, told in self.line.told_entries():
+            yield f"scan {scan}: {told}"
         self.line.seek(self.line.last)
         for event in self.line.machine.events():
             yield f"{event.at_ms / 1000:.2f} s: {event.text}"

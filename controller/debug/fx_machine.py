@@ -262,7 +262,7 @@ class FxWrite:
         """Set the value."""
         running = machine.running
         if self.device.kind != "X":
-            running.plc.cpu.now_ms = running.now_ms  # a timer value must refer to the next scan
+            running.plc.cpu.now_ms = machine.now_ms  # a timer value must refer to the next scan
             running.put({self.device: self.value or 0})
         elif self.value is None:
             running.held.pop(self.device.number, None)

@@ -97,7 +97,7 @@ class OutsideEntry(Protocol):
         """Let it enter the machine, which has executed the scan before."""
 
     def __str__(self) -> str:
-        """Return the entry in the syntax of a change."""
+        """Return the entry in the syntax of a change; empty if it is not worth telling."""
 
 
 class RecordedMachine(Protocol):

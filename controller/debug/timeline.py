@@ -95,6 +95,13 @@ class RunTimeline:
             for entry in entries:
                 yield scan, entry
 
+    def told_entries(self) -> Iterator[tuple[int, str]]:
+        """Yield the scan and the text of each entry of the recorded scans that is worth telling."""
+        for scan, entry in self.entries():
+            text = str(entry)
+            if text and scan <= self.last:
+                yield scan, text
+
     def entry_scans(self) -> list[int]:
         """Return the scans in which something entered, in order."""
         return sorted(self._entries)

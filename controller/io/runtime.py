@@ -7,6 +7,7 @@ written. After any failure the outputs are set to their safe state and written.
 from __future__ import annotations
 
 import logging
+import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -47,6 +48,8 @@ class Runtime(Saved):
         ownership: Ownership of the outputs.
         panel: Messages of the operator panel and their timeout.
         writes: Writes of communication partners, which are answered at the end of the scan that took them.
+        gate: Lock of everything that enters from other threads. A recorder holds it from its look to the end of the
+            scans, so that they begin with what it has seen.
         field: Connection to the field link.
         released: Y image written last, raw levels.
         released_words: Values of the output registers written last.
@@ -118,6 +121,7 @@ class Runtime(Saved):
         self._orders: deque[Sequence[tuple[Bit | Word, int]]] = deque()
         """Writes from other threads; the writes of one entry take effect in the same scan."""
         self.writes = ScanWrites()
+        self.gate = threading.RLock()
         self.panel = PanelWatch(panel_limit_ms)
         self._safe = machine.io_map.safe_outputs()
         self._safe_words = machine.io_map.safe_registers()
@@ -252,8 +256,10 @@ class Runtime(Saved):
         Raises:
             KeyError: The command is unknown; nothing is changed.
         """
-        self._orders.append([(self.machine.tags.commands[command], 1)])
-        self.panel.heartbeat()
+        bit = self.machine.tags.commands[command]
+        with self.gate:
+            self._orders.append([(bit, 1)])
+            self.panel.heartbeat()
 
     def set_points(self, values: Mapping[str, str]) -> None:
         """Change set-points; thread-safe. All of them take effect in the next scan.
@@ -261,8 +267,10 @@ class Runtime(Saved):
         Raises:
             SetPointError: A set-point is unknown, or a value is out of range; nothing is changed.
         """
-        self._orders.append(self.checked(values))
-        self.panel.heartbeat()
+        changes = self.checked(values)
+        with self.gate:
+            self._orders.append(changes)
+            self.panel.heartbeat()
 
     def checked(self, values: Mapping[str, str]) -> Sequence[tuple[Word, int]]:
         """Return the words of set-points and their new values.
@@ -286,8 +294,9 @@ class Runtime(Saved):
             for device, value in changes:
                 self.plc.write(device, value)
 
-        self.panel.heartbeat()
-        return self.writes.submit(change)
+        with self.gate:
+            self.panel.heartbeat()
+            return self.writes.submit(change)
 
     def write_safe_outputs(self) -> bool:
         """Write the safe state of every output and return True if the field I/O accepted it.

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from plant_sim.cli.reproduce.origin import print_json, provenance_of
-from plant_sim.cli.settings import warn_of_ratings
+from plant_sim.cli.settings import changed_machine, warn_of_ratings, with_changes
 from plant_sim.common.picture_form import PictureForm, check_picture_options, picture_form
 from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.machine.parameters import load_machine
@@ -36,9 +36,10 @@ def run(options: argparse.Namespace) -> int:
         options.line, profile=options.profile, metres=options.metres, seed=options.seed, machine=machine
     )
     if options.json:
-        print_json(result.record(), provenance)
+        print_json(with_changes(options, result.record()), provenance)
     else:
-        print(result.text())
+        changed = changed_machine(options) if result.is_fed_by_arms else []
+        print("\n".join([*changed, result.text()]))
     if write is not None:
         paths = write(result)
         if not options.json:

@@ -11,7 +11,7 @@ from controller.common.stop_request import INTERRUPTED
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.reproduce.origin import provenance_of
 from plant_sim.cli.reproduce.result_folder import result_folder
-from plant_sim.cli.settings import faults_of, machine_of, max_ms_of, rule_of
+from plant_sim.cli.settings import changed_machine, faults_of, machine_of, max_ms_of, rule_of, with_changes
 from plant_sim.common.provenance.result_files import ResultFiles
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
@@ -101,10 +101,10 @@ def _live(options: argparse.Namespace) -> int:
         print(trial.panel, file=sys.stderr, flush=True)
         with result_folder(options, provenance) as files:
             report = trial.run()
-            _write(files, report)
+            _write(options, files, report)
         # The trial is complete: from here on, Ctrl-C ends the program with the exit code of the report.
         with contextlib.suppress(KeyboardInterrupt):
-            print(report.text(), flush=True)
+            print("\n".join([*changed_machine(options), report.text()]), flush=True)
             if options.keep:
                 print("serving until Ctrl-C", file=sys.stderr, flush=True)
                 trial.serve()
@@ -128,15 +128,15 @@ def _fast(options: argparse.Namespace) -> int:
             language=options.language or "en",
             prepare=show_progress(view, options.trays),
         )
-        _write(files, report)
-    print(report.text(), flush=True)
+        _write(options, files, report)
+    print("\n".join([*changed_machine(options), report.text()]), flush=True)
     return INTERRUPTED if options.stop.is_set() else _exit_code(report)
 
 
-def _write(files: ResultFiles | None, report: TrialReport) -> None:
+def _write(options: argparse.Namespace, files: ResultFiles | None, report: TrialReport) -> None:
     if files is not None:
         trials = Repeats([report])
-        files.json("trial.json", trials.untimed_record())
+        files.json("trial.json", with_changes(options, trials.untimed_record()))
         files.csv("trials.csv", *trials.table())
 
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
+from typing import Any
 
 from controller.cli.machine import assigned
 from controller.common.errors import InputError
 from controller.fx.language.cpu_model import FX2N
 from controller.program.set_points import SetPoints
+from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.faults import Fault, parse_fault
 from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.machine.stored_air import parse_share
+from plant_sim.study.report.origin import changed_keys, changed_parts
 from plant_sim.twin.ending.rule import EndingRule, default_max_ms
 
 
@@ -34,6 +38,25 @@ def machine_of(options: argparse.Namespace) -> Machine:
         except ValueError as error:
             raise InputError(f"--air {error}") from None
     return warn_of_ratings(machine)
+
+
+def changed_machine(options: argparse.Namespace) -> list[str]:
+    """Return the paragraph that names the changed parameters of the machine file, for the top of a report.
+
+    It is empty for the delivered machine. Other options, such as ``--air``, are not changes of the machine.
+    """
+    return changed_parts(load_machine(options.machine), options.machine) if _is_changed(options) else []
+
+
+def with_changes(options: argparse.Namespace, record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record of a result, with the changed parameters of the machine file if there are any."""
+    changed = changed_keys(load_machine(options.machine)) if _is_changed(options) else []
+    return {"changed_parameters": changed, **record} if changed else dict(record)
+
+
+def _is_changed(options: argparse.Namespace) -> bool:
+    """Return True if the machine file may differ from the delivered one."""
+    return bool(options.machine != DEFAULT_MACHINE)
 
 
 def warn_of_ratings(machine: Machine) -> Machine:

@@ -10,7 +10,15 @@ from controller.common.stop_request import INTERRUPTED
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.reproduce.origin import print_json, provenance_of
 from plant_sim.cli.reproduce.result_folder import result_folder
-from plant_sim.cli.settings import check_program, faults_of, machine_of, rule_of, start_values_of
+from plant_sim.cli.settings import (
+    changed_machine,
+    check_program,
+    faults_of,
+    machine_of,
+    rule_of,
+    start_values_of,
+    with_changes,
+)
 from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.crop.seedling import TRAY_CELLS
 from plant_sim.twin.ladder.scan_timing import ScanTiming
@@ -39,16 +47,16 @@ def run(options: argparse.Namespace) -> int:
         reports = _trials(options, provenance)
         repeats = Repeats(reports)
         if files is not None:
-            files.json("trial.json", repeats.untimed_record())
+            files.json("trial.json", with_changes(options, repeats.untimed_record()))
             files.csv("trials.csv", *repeats.table())
     if options.csv:
         print(repeats.csv(provenance), end="")
     else:
         shown = repeats if options.repeat > 1 else reports[0]
         if options.json:
-            print_json(shown.record(), provenance)
+            print_json(with_changes(options, shown.record()), provenance)
         else:
-            print(shown.text())
+            print("\n".join([*changed_machine(options), shown.text()]))
     return _exit_code(options, succeeded=repeats.completed and repeats.accounted)
 
 
@@ -95,19 +103,20 @@ def _ladder_trial(options: argparse.Namespace) -> int:
     with result_folder(options, provenance) as files:
         reports = _ladder_reports(options)
         if files is not None:
-            files.json("trial.json", {"trials": [each.record() for _, of_timing in reports for each in of_timing]})
+            trials = [each.record() for _, of_timing in reports for each in of_timing]
+            files.json("trial.json", with_changes(options, {"trials": trials}))
     if options.scan_ms is None or len(reports) == options.repeat == 1:
         ((_, (report,)),) = reports
         if options.json:
-            print_json(report.record(), provenance)
+            print_json(with_changes(options, report.record()), provenance)
         else:
-            print(report.text())
+            print("\n".join([*changed_machine(options), report.text()]))
         return _exit_code(options, succeeded=report.completed)
     rows = [ScanRow(timing, each) for timing, each in reports if timing is not None]
     if options.json:
-        print_json({"scans": [row.record() for row in rows]}, provenance)
+        print_json(with_changes(options, {"scans": [row.record() for row in rows]}), provenance)
     else:
-        print("\n".join(table(rows)))
+        print("\n".join([*changed_machine(options), *table(rows)]))
     return _exit_code(options, succeeded=all(report.completed for row in rows for report in row.reports))
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -102,9 +103,11 @@ class PlantingRow(Saved):
         """Numbers of the filled cups that have not yet passed the last claw, in order."""
         return sorted(self._contents)
 
-    def contains_plug(self, cup: int) -> bool:
-        """Return True if a cup that is not further than `RECENT_CUPS` past the last claw contains a plug."""
-        return cup in self._contents or any(each.cup == cup and each.seedlings for each in self.recent)
+    @property
+    def filled_cups(self) -> Iterator[int]:
+        """Cups that contain a plug and are not further than `RECENT_CUPS` past the last claw."""
+        yield from self._contents
+        yield from (each.cup for each in self.recent if each.seedlings)
 
     @property
     def falling(self) -> bool:

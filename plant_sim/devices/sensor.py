@@ -86,6 +86,23 @@ def update_output(s: Any, params: Any, now_s: float) -> None:
         s.busy = 0
 
 
+@compiled
+def follow_level(s: Any, params: Any, on: bool, edge_s: float, now_s: float) -> None:
+    """Detect a level; the output follows after the delay, without bounce.
+
+    Args:
+        s: The sensor.
+        params: Its parameters.
+        on: Level.
+        edge_s: Plant time since which the target has had this level, s; used if the level has changed.
+        now_s: Plant time, s.
+    """
+    if on != (s.detected != 0):
+        record_edge(s, edge_s)
+    if s.busy and now_s - s.edge_s >= params.late_s:
+        s.output, s.busy = s.detected, 0
+
+
 @compiled_and_cached
 def place_switch(s: Any, params: Any, position_m: float) -> None:
     """Set the position detected by a switch as an initial condition, without an edge."""
@@ -161,20 +178,6 @@ class Sensor:
     def edge_s(self) -> float:
         """Plant time of the last edge of the detected level, s."""
         return float(self._state["edge_s"])
-
-    def follow(self, on: bool, *, edge_s: float, now_s: float) -> None:
-        """Detect a level; the output follows after the delay, without bounce.
-
-        Args:
-            on: Level.
-            edge_s: Plant time since which the target has had this level, s; used if the level has changed.
-            now_s: Plant time, s.
-        """
-        state = self._state
-        if on != bool(state["detected"]):
-            state["detected"], state["edge_s"], state["busy"] = int(on), edge_s, 1
-        if state["busy"] and now_s - self.edge_s >= self.late_s:
-            state["output"], state["busy"] = state["detected"], 0
 
     def detect(self, on: bool) -> None:
         """Set the detected level and the output, without delay or bounce."""

@@ -1,16 +1,74 @@
 """Optional sensors that show whether a row is held and planted: claw pressure switch, beam and cup sensor."""
 
-from __future__ import annotations
-
 import math
 import random
-from collections.abc import Callable, Collection
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
-from controller.common.saved import Saved
+import numpy as np
+
+from plant_sim.common.compiled import compiled, compiled_and_cached
 from plant_sim.common.limits import require, require_within
-from plant_sim.devices.sensor import Sensor
+from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, Sensor, follow_level
+
+_READINGS = 256
+"""Number of objects with a drawn reading, right or wrong, after which the sequence repeats."""
+_CUPS = 60
+"""Number of cups in a row whose contents a cup sensor tells apart; a row knows the contents of fewer cups."""
+
+CLAW_PRESSURE = np.dtype([("reads", "i8"), ("changes", "i8"), ("sensor", SENSOR)])
+"""State: level read, and number of its changes."""
+
+CLAW_PRESSURE_PARAMS = np.dtype(
+    [("on_pa", "f8"), ("off_pa", "f8"), ("wrong", "i8", (_READINGS,)), ("sensor", SENSOR_PARAMS)]
+)
+"""Parameters: gauge pressures at which the switch turns on and off; `wrong` is 1 for each change read wrongly."""
+
+BEAM = np.dtype(
+    [
+        ("stems", "i8"),
+        ("reads", "i8"),
+        ("at_m", "f8"),
+        ("x_m", "f8"),
+        ("now_s", "f8"),
+        ("crosses", "i8"),
+        ("passes", "i8"),
+        ("sensor", SENSOR),
+    ]
+)
+"""State: claws that hold a stem, one bit each; level read; slide position of the latest stem in the beam; slide
+position and time of the latest look; whether the row crosses the beam, and number of the passes."""
+
+BEAM_PARAMS = np.dtype(
+    [
+        ("first_m", "f8"),
+        ("step_m", "f8"),
+        ("half_m", "f8"),
+        ("hysteresis_m", "f8"),
+        ("rise_m", "f8"),
+        ("claws", "i8"),
+        ("wrong", "i8", (_READINGS,)),
+        ("sensor", SENSOR_PARAMS),
+    ]
+)
+"""Parameters as in `YieldSensorsSpec`; `wrong` is 1 for each crossing of a claw that is read wrongly."""
+
+CUP_SENSOR = np.dtype([("filled", "i8"), ("reads", "i8"), ("sensor", SENSOR)])
+"""State: cups that contain a plug, one bit each by the cup number modulo 60; level read."""
+
+CUP_SENSOR_PARAMS = np.dtype(
+    [
+        ("at_m", "f8"),
+        ("pitch_m", "f8"),
+        ("half_slot_m", "f8"),
+        ("hysteresis_m", "f8"),
+        ("wrong", "i8", (_READINGS,)),
+        ("sensor", SENSOR_PARAMS),
+    ]
+)
+"""Parameters: position along the row, distance from cup to cup, and as in `YieldSensorsSpec`; `wrong` is 1 for each cup
+that is read wrongly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,42 +127,121 @@ class YieldSensorsSpec:
         require_within(self, 0.0, 0.005, "cup_hysteresis_m")
 
 
-class YieldSensor(Saved):
-    """Sensor that takes readings, each of a numbered object.
+@compiled_and_cached
+def step_claw_pressure(s: Any, params: Any, gauge_pa: float, now_s: float) -> None:
+    """Measure the pressure in the closing port.
+
+    Args:
+        s: Its record, `CLAW_PRESSURE`.
+        params: Its record, `CLAW_PRESSURE_PARAMS`.
+        gauge_pa: Pressure above that of the surroundings, Pa.
+        now_s: Plant time, s.
+    """
+    pressed = gauge_pa >= (params.off_pa if s.reads != 0 else params.on_pa)
+    if pressed != (s.reads != 0):
+        s.reads = 1 if pressed else 0
+        s.changes += 1
+    follow_level(s.sensor, params.sensor, pressed != _is_wrong(params, s.changes), now_s, now_s)
+
+
+@compiled_and_cached
+def step_beam(s: Any, params: Any, x_m: float, rise_m: float, now_s: float) -> None:
+    """Look at the stem in the beam.
+
+    Args:
+        s: Its record, `BEAM`.
+        params: Its record, `BEAM_PARAMS`.
+        x_m: Slide position, m.
+        rise_m: Height of the arm above its lower limit, m.
+        now_s: Plant time, s.
+    """
+    travel_m, since_s = x_m - s.x_m, now_s - s.now_s
+    s.x_m, s.now_s = x_m, now_s
+    last_m = params.first_m + (params.claws - 1) * params.step_m
+    crosses = params.first_m - params.half_m <= x_m <= last_m + params.half_m
+    if crosses and s.crosses == 0:
+        s.passes += 1
+    s.crosses = 1 if crosses else 0
+    claw = round((x_m - params.first_m) / params.step_m)
+    at_m = params.first_m + claw * params.step_m
+    reach_m = params.half_m + (params.hysteresis_m if s.reads != 0 else 0.0)
+    blocked = crosses
+    if rise_m >= params.rise_m:
+        holds = 0 <= claw < params.claws and ((s.stems >> claw) & 1 != 0) != _is_wrong(
+            params, s.passes * params.claws + claw
+        )
+        blocked = abs(x_m - at_m) <= reach_m and holds
+    edge_m = at_m if blocked else s.at_m
+    edge_m += math.copysign(reach_m, -travel_m if blocked else travel_m)
+    if blocked:
+        s.at_m = at_m
+    s.reads = 1 if blocked else 0
+    share = min(max((x_m - edge_m) / travel_m, 0.0), 1.0) if travel_m != 0.0 else 0.0
+    follow_level(s.sensor, params.sensor, blocked, now_s - share * since_s, now_s)
+
+
+@compiled_and_cached
+def step_cup_sensor(s: Any, params: Any, chain_m: float, speed_m_s: float, now_s: float) -> None:
+    """Look at the cup in front of the sensor.
+
+    Args:
+        s: Its record, `CUP_SENSOR`.
+        params: Its record, `CUP_SENSOR_PARAMS`.
+        chain_m: Chain travel, m; cup n is at this travel minus n pitches.
+        speed_m_s: Chain speed, m/s.
+        now_s: Plant time, s.
+    """
+    cup = round((chain_m - params.at_m) / params.pitch_m)
+    past_m = chain_m - params.at_m - cup * params.pitch_m
+    reach_m = params.half_slot_m + (params.hysteresis_m if s.reads != 0 else 0.0)
+    edge_m = reach_m if s.reads != 0 else -params.half_slot_m
+    filled = (s.filled >> (cup % _CUPS)) & 1 != 0
+    reads = abs(past_m) <= reach_m and filled != _is_wrong(params, cup)
+    s.reads = 1 if reads else 0
+    since_s = (past_m - edge_m) / speed_m_s if speed_m_s > 0.0 and past_m >= edge_m else 0.0
+    follow_level(s.sensor, params.sensor, reads, now_s - since_s, now_s)
+
+
+@compiled
+def _is_wrong(params: Any, number: int) -> bool:
+    """Return True if the reading of an object is wrong."""
+    wrong: bool = params.wrong[number % _READINGS] != 0
+    return wrong
+
+
+class YieldSensor:
+    """View of a sensor that takes readings, each of a numbered object.
 
     Attributes:
         sensor: Its output.
-        wrong: Fraction of the readings that are wrong, 0 to 1.
+        state: Its record.
+        params: Its parameter record.
     """
 
-    SAVED: ClassVar[tuple[str, ...]] = ("_reads", "wrong")
-
-    def __init__(self, name: str, delay_s: float) -> None:
+    def __init__(self, name: str, state: Any, params: Any, delay_s: float) -> None:
         """Create a sensor that is off.
 
         Args:
             name: Seed from which it follows which readings are wrong.
+            state: Its record.
+            params: Its parameter record.
             delay_s: Response time, s.
         """
-        self.sensor = Sensor.alone()
+        params["sensor"]["forced"] = -1
+        self.sensor = Sensor(state["sensor"], params["sensor"])
         self.sensor.late_s = delay_s
-        self.wrong = 0.0
-        self._name = name
-        self._reads = False
+        self.state = state
+        self.params = params
+        self._draws = [random.Random(f"{name} {number}").random() for number in range(_READINGS)]
 
-    def save(self) -> Any:
-        """Return the current state."""
-        return super().save(), self.sensor.save()
+    @property
+    def wrong(self) -> float:
+        """Fraction of the readings that are wrong, 0 to 1."""
+        return float(np.mean(self.params["wrong"]))
 
-    def restore(self, saved: Any) -> None:
-        """Restore a state returned by `save`."""
-        own, sensor = saved
-        super().restore(own)
-        self.sensor.restore(sensor)
-
-    def _is_wrong(self, number: int) -> bool:
-        """Return True if the reading of an object is wrong."""
-        return self.wrong > 0.0 and random.Random(f"{self._name} {number}").random() < self.wrong
+    @wrong.setter
+    def wrong(self, share: float) -> None:
+        self.params["wrong"] = [draw < share for draw in self._draws]
 
 
 class ClawPressureSwitch(YieldSensor):
@@ -113,22 +250,11 @@ class ClawPressureSwitch(YieldSensor):
     It measures the air that closes the fingers, whether or not they hold anything, and whether or not they move.
     """
 
-    SAVED = (*YieldSensor.SAVED, "_changes")
-
-    def __init__(self, spec: YieldSensorsSpec, name: str, *, set_pa: float) -> None:
+    def __init__(self, spec: YieldSensorsSpec, name: str, state: Any, params: Any, *, set_pa: float) -> None:
         """Create a switch adjusted to the set pressure of the claw regulator, gauge, Pa."""
-        super().__init__(name, spec.claw_delay_s)
-        self._on_pa = spec.claw_on_share * set_pa
-        self._off_pa = self._on_pa - spec.claw_gap_share * set_pa
-        self._changes = 0
-
-    def follow(self, gauge_pa: float, now_s: float) -> None:
-        """Measure the pressure in the closing port, gauge, Pa."""
-        pressed = gauge_pa >= (self._off_pa if self._reads else self._on_pa)
-        if pressed != self._reads:
-            self._reads = pressed
-            self._changes += 1
-        self.sensor.follow(pressed != self._is_wrong(self._changes), edge_s=now_s, now_s=now_s)
+        super().__init__(name, state, params, spec.claw_delay_s)
+        params["on_pa"] = spec.claw_on_share * set_pa
+        params["off_pa"] = params["on_pa"] - spec.claw_gap_share * set_pa
 
 
 class SeedlingBeam(YieldSensor):
@@ -138,55 +264,16 @@ class SeedlingBeam(YieldSensor):
     hangs on a stem.
     """
 
-    SAVED = (*YieldSensor.SAVED, "_at_m", "_crosses", "_now_s", "_passes", "_x_m")
-
-    def __init__(self, spec: YieldSensorsSpec, name: str, *, claws: int) -> None:
+    def __init__(self, spec: YieldSensorsSpec, name: str, state: Any, params: Any, *, claws: int) -> None:
         """Create a free beam for a number of claws."""
-        super().__init__(name, spec.beam_delay_s)
-        self._spec = spec
-        self._claws = claws
-        self._at_m = self._x_m = self._now_s = 0.0
-        self._crosses = False
-        self._passes = 0
+        super().__init__(name, state, params, spec.beam_delay_s)
+        params["first_m"], params["step_m"] = spec.beam_first_m, spec.beam_step_m
+        params["half_m"], params["hysteresis_m"] = spec.beam_half_m, spec.beam_hysteresis_m
+        params["rise_m"], params["claws"] = spec.beam_rise_m, claws
 
-    def follow(self, x_m: float, rise_m: float, stems: Collection[int], now_s: float) -> None:
-        """Look at the stem in the beam.
-
-        Args:
-            x_m: Slide position, m.
-            rise_m: Height of the arm above its lower limit, m.
-            stems: Claws that hold a stem whose plug is out of its cell.
-            now_s: Plant time, s.
-        """
-        spec = self._spec
-        travel_m, since_s = x_m - self._x_m, now_s - self._now_s
-        self._x_m, self._now_s = x_m, now_s
-        self._count_passes(x_m)
-        claw = round((x_m - spec.beam_first_m) / spec.beam_step_m)
-        at_m = spec.beam_first_m + claw * spec.beam_step_m
-        reach_m = spec.beam_half_m + (spec.beam_hysteresis_m if self._reads else 0.0)
-        blocked = abs(x_m - at_m) <= reach_m and self._sees(claw, stems)
-        if rise_m < spec.beam_rise_m:
-            blocked = self._crosses
-        edge_m = at_m if blocked else self._at_m
-        edge_m += math.copysign(reach_m, -travel_m if blocked else travel_m)
-        if blocked:
-            self._at_m = at_m
-        self._reads = blocked
-        share = min(max((x_m - edge_m) / travel_m, 0.0), 1.0) if travel_m else 0.0
-        self.sensor.follow(blocked, edge_s=now_s - share * since_s, now_s=now_s)
-
-    def _sees(self, claw: int, stems: Collection[int]) -> bool:
-        """Return True if the beam sees a stem in a claw that crosses it."""
-        return 0 <= claw < self._claws and (claw in stems) != self._is_wrong(self._passes * self._claws + claw)
-
-    def _count_passes(self, x_m: float) -> None:
-        """Update whether the row crosses the beam, and count the passes."""
-        spec = self._spec
-        last_m = spec.beam_first_m + (self._claws - 1) * spec.beam_step_m
-        crosses = spec.beam_first_m - spec.beam_half_m <= x_m <= last_m + spec.beam_half_m
-        self._passes += crosses and not self._crosses
-        self._crosses = crosses
+    def hold(self, stems: Iterable[int]) -> None:
+        """Set the claws that hold a stem whose plug is out of its cell."""
+        self.state["stems"] = sum(1 << claw for claw in stems)
 
 
 class CupSensor(YieldSensor):
@@ -197,34 +284,26 @@ class CupSensor(YieldSensor):
     lies in the cup.
     """
 
-    def __init__(self, spec: YieldSensorsSpec, name: str, *, last_claw_m: float, pitch_m: float) -> None:
+    def __init__(
+        self, spec: YieldSensorsSpec, name: str, state: Any, params: Any, *, last_claw_m: float, pitch_m: float
+    ) -> None:
         """Create a sensor that sees no plug.
 
         Args:
             spec: Parameters.
             name: Seed from which it follows which cups are read wrongly.
+            state: Its record, `CUP_SENSOR`.
+            params: Its record, `CUP_SENSOR_PARAMS`.
             last_claw_m: Position of the last claw along the row, spread, measured from claw 0, m.
             pitch_m: Distance from cup to cup, m.
         """
-        super().__init__(name, spec.cup_delay_s)
-        self._at_m = last_claw_m + spec.cup_past_claws_m
-        self._pitch_m = pitch_m
-        self._half_slot_m = spec.cup_slot_m / 2
-        self._hysteresis_m = spec.cup_hysteresis_m
+        super().__init__(name, state, params, spec.cup_delay_s)
+        params["at_m"], params["pitch_m"] = last_claw_m + spec.cup_past_claws_m, pitch_m
+        params["half_slot_m"], params["hysteresis_m"] = spec.cup_slot_m / 2, spec.cup_hysteresis_m
 
-    def follow(self, chain_m: float, speed_m_s: float, is_filled: Callable[[int], bool], now_s: float) -> None:
-        """Look at the cup in front of the sensor.
-
-        Args:
-            chain_m: Chain travel, m; cup n is at this travel minus n pitches.
-            speed_m_s: Chain speed, m/s.
-            is_filled: Function that returns True if a cup contains a plug.
-            now_s: Plant time, s.
-        """
-        cup = round((chain_m - self._at_m) / self._pitch_m)
-        past_m = chain_m - self._at_m - cup * self._pitch_m
-        reach_m = self._half_slot_m + (self._hysteresis_m if self._reads else 0.0)
-        edge_m = reach_m if self._reads else -self._half_slot_m
-        self._reads = abs(past_m) <= reach_m and is_filled(cup) != self._is_wrong(cup)
-        since_s = (past_m - edge_m) / speed_m_s if speed_m_s > 0.0 and past_m >= edge_m else 0.0
-        self.sensor.follow(self._reads, edge_s=now_s - since_s, now_s=now_s)
+    def fill(self, cups: Iterable[int]) -> None:
+        """Set the cups that contain a plug."""
+        bits = 0
+        for cup in cups:
+            bits |= 1 << cup % _CUPS
+        self.state["filled"] = bits

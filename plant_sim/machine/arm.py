@@ -22,7 +22,6 @@ from plant_sim.devices.slide import Slide
 from plant_sim.devices.spreader import Spreader
 from plant_sim.devices.yield_sensors import ClawPressureSwitch, CupSensor, SeedlingBeam, YieldSensor
 from plant_sim.machine.parameters import Machine
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 
 ARM_SWITCHES: Final = (
     "lift_down",
@@ -51,7 +50,6 @@ class ArmPlant(Saved):
         claw_pressure: Pressure switch in the closing port of the claws.
         seedling_beam: Light barrier that the stems in the claws cross on the way to the feed.
         cup_filled: Sensor that looks into the cups behind the place of throwing.
-        watches_yield: True if one of these three sensors is wired; they are not read otherwise.
     """
 
     SAVED = ("_slips", "_stirred", "_trays_m")
@@ -64,6 +62,7 @@ class ArmPlant(Saved):
         "_frees_above_m",
         "_grips_below_m",
         "_holds_above_pa",
+        "_params",
         "_parts",
         "_pose",
         "_slips",
@@ -81,7 +80,6 @@ class ArmPlant(Saved):
         "seedling_beam",
         "slide",
         "spreader",
-        "watches_yield",
     )
 
     def __init__(
@@ -137,11 +135,12 @@ class ArmPlant(Saved):
             pressure_pa=machine.held_claw_pressure_pa,
         )
         state, params = records.state, records.params
+        params["down_m"] = machine.lift.stroke_m
         params["frees_above_m"], params["grips_below_m"] = self.claws.frees_above_m, self.claws.grips_below_m
         params["holds_above_pa"] = self.claws.holds_above_pa
         self.spreader = Spreader(machine.spreader, state["spreader"], params["spreader"], bounce_s=bounce_s)
         self.cups = Cups(machine.cups, state["cups"], params["cups"], seed=seed, bounce_s=bounce_s)
-        self._state = state
+        self._state, self._params = state, params
         self._stirred = self._slips = 0.0
         self._down_m = machine.lift.stroke_m
         self._grips_below_m, self._frees_above_m = self.claws.grips_below_m, self.claws.frees_above_m
@@ -155,11 +154,25 @@ class ArmPlant(Saved):
             catch_m=machine.cups.catch_m,
         )
         yields, pitch_m = machine.yield_sensors, machine.cups.pitch_m
-        self.claw_pressure = ClawPressureSwitch(yields, f"{seed}, claw pressure", set_pa=machine.claw_pressure_pa)
-        self.seedling_beam = SeedlingBeam(yields, f"{seed}, beam", claws=CELLS_ALONG)
+        self.claw_pressure = ClawPressureSwitch(
+            yields,
+            f"{seed}, claw pressure",
+            state["claw_pressure"],
+            params["claw_pressure"],
+            set_pa=machine.claw_pressure_pa,
+        )
+        self.seedling_beam = SeedlingBeam(
+            yields, f"{seed}, beam", state["seedling_beam"], params["seedling_beam"], claws=CELLS_ALONG
+        )
         last_claw_m = (CELLS_ALONG - 1) * pitch_m
-        self.cup_filled = CupSensor(yields, f"{seed}, cup sensor", last_claw_m=last_claw_m, pitch_m=pitch_m)
-        self.watches_yield = False
+        self.cup_filled = CupSensor(
+            yields,
+            f"{seed}, cup sensor",
+            state["cup_filled"],
+            params["cup_filled"],
+            last_claw_m=last_claw_m,
+            pitch_m=pitch_m,
+        )
         reach = Reach(
             side=side,
             columns_m=machine.columns_m,
@@ -180,7 +193,6 @@ class ArmPlant(Saved):
             self.row,
             self._pose,
             self.cups,
-            *self.yield_sensors.values(),
         )
         self._sync()
 
@@ -269,12 +281,21 @@ class ArmPlant(Saved):
             pose.free = claws_m >= self._frees_above_m
             grip.step(pose)
             self._sweep.step(pose)
+
+    @property
+    def watches_yield(self) -> bool:
+        """True if claw pressure switch, beam or cup sensor is wired; they are not evaluated otherwise."""
+        return bool(self._params["watches_yield"])
+
+    @watches_yield.setter
+    def watches_yield(self, watches: bool) -> None:
+        self._params["watches_yield"] = int(watches)
+
+    def show_seedlings(self) -> None:
+        """Set what beam and cup sensor see in the motion that follows: the stems in the claws, and the filled cups."""
         if self.watches_yield:
-            closing_pa = float(self._state["claws"]["minus"]["chamber"]["pressure_pa"])
-            stems = [seedling.along for seedling in grip.held] if grip.extracted else []
-            self.claw_pressure.follow(closing_pa - ATMOSPHERE_PA, now_s)
-            self.seedling_beam.follow(x_m, rise_m, stems, now_s)
-            self.cup_filled.follow(chain_m, chain_m_s, self.row.contains_plug, now_s)
+            self.seedling_beam.hold(seedling.along for seedling in self.grip.held if self.grip.extracted)
+            self.cup_filled.fill(self.row.filled_cups)
 
     def follow_cups(self, now_s: float, positions: list[float]) -> None:
         """Apply the latest motion of the chain to the cups, if nothing else has an effect; arguments as in `follow`."""

@@ -56,6 +56,12 @@ class CropLimits:
         self._hold_trays()
         for number, arm in enumerate(self._arms):
             self.quiet[number] = arm.limits(_own(positions, number), self._meet_m)
+        self.show_seedlings()
+
+    def show_seedlings(self) -> None:
+        """Set what the sensors of held and planted rows see in the motion that follows."""
+        for arm in self._arms:
+            arm.show_seedlings()
 
     def look(self, now_s: float, positions: list[float]) -> None:
         """Evaluate what is outside its limits, and set new limits.
@@ -85,6 +91,7 @@ class CropLimits:
             self._limit_trays()
         else:
             self._hold_trays()
+        self.show_seedlings()
 
     def catch_up(self) -> None:
         """Adopt the motion within the limits; they must be set again afterwards."""

@@ -10,6 +10,17 @@ from plant_sim.devices.cups import CUPS, CUPS_PARAMS, step_cups
 from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, step_switch
 from plant_sim.devices.spreader import SPREADER, SPREADER_PARAMS, step_spreader
 from plant_sim.devices.supply import AIR, AIR_PARAMS, settle_air
+from plant_sim.devices.yield_sensors import (
+    BEAM,
+    BEAM_PARAMS,
+    CLAW_PRESSURE,
+    CLAW_PRESSURE_PARAMS,
+    CUP_SENSOR,
+    CUP_SENSOR_PARAMS,
+    step_beam,
+    step_claw_pressure,
+    step_cup_sensor,
+)
 from plant_sim.pneumatics.chamber import GAS
 from plant_sim.pneumatics.cylinder import (
     CYLINDER,
@@ -19,6 +30,7 @@ from plant_sim.pneumatics.cylinder import (
     settle_cylinder,
     step_cylinder,
 )
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.supply import step_supply
 
 ARM_COILS = (
@@ -43,6 +55,9 @@ ARM_SENSORS = (
     "claws_converged",
     "claws_spread",
     "cup_pulse",
+    "claw_pressure",
+    "seedling_beam",
+    "cup_filled",
 )
 """Sensors of an arm in kernel order."""
 
@@ -68,6 +83,9 @@ ARM = np.dtype(
         ("cups", CUPS),
         ("slide_switches", SENSOR, (4,)),
         ("lift_switches", SENSOR, (2,)),
+        ("claw_pressure", CLAW_PRESSURE),
+        ("seedling_beam", BEAM),
+        ("cup_filled", CUP_SENSOR),
         ("stirred", "i8"),
         ("freed_s", "f8"),
         ("gripped_s", "f8"),
@@ -92,11 +110,18 @@ ARM_PARAMS = np.dtype(
         ("cups", CUPS_PARAMS),
         ("slide_switches", SENSOR_PARAMS, (4,)),
         ("lift_switches", SENSOR_PARAMS, (2,)),
+        ("claw_pressure", CLAW_PRESSURE_PARAMS),
+        ("seedling_beam", BEAM_PARAMS),
+        ("cup_filled", CUP_SENSOR_PARAMS),
+        ("watches_yield", "i8"),
+        ("down_m", "f8"),
         ("frees_above_m", "f8"),
         ("grips_below_m", "f8"),
         ("holds_above_pa", "f8"),
     ]
 )
+"""Parameters of an arm. `watches_yield` is 1 if claw pressure switch, beam or cup sensor is wired; they are not
+evaluated otherwise. `down_m` is the position of the lift at its lower limit."""
 
 POSITIONS = (
     "slide_m",
@@ -121,7 +146,7 @@ MACHINE_PARAMS = np.dtype(
 
 
 @compiled_and_cached
-def advance(machine: Any, params: Any, coils: Any, fed: bool, first: int, steps: int, positions: Any) -> None:
+def advance(machine: Any, params: Any, coils: Any, fed: bool, first_step: int, steps: int, positions: Any) -> None:
     """Advance by several steps with constant coils.
 
     Args:
@@ -130,7 +155,7 @@ def advance(machine: Any, params: Any, coils: Any, fed: bool, first: int, steps:
         coils: Coil levels, True if energised: those of the left and right arm in the order of `ARM_COILS`, then run
             and direction of the conveyor.
         fed: True if the safety relay energises the dump valve.
-        first: Number of the first step; the step at plant time 0 is 0.
+        first_step: Number of the first step; the step at plant time 0 is 0.
         steps: Number of steps; their length is in `params`.
         positions: Output array: final positions in the order of `POSITIONS` for each arm, then the travel of the trays.
     """
@@ -139,7 +164,7 @@ def advance(machine: Any, params: Any, coils: Any, fed: bool, first: int, steps:
     left_rests = right_rests = (False, False, False)
     left, right = _arm_levels(coils, 0), _arm_levels(coils, len(ARM_COILS))
     for step in range(steps):
-        at_s = (first + step) * gas.step_s
+        at_s = (first_step + step) * gas.step_s
         step_supply(air.network, air_params.network, fed, gas)
         step_conveyor(m.conveyor, params[0].conveyor, coils[_BELT], coils[_BELT + 1], at_s, gas.step_s)
         left_rests = _step_arm(m.arms[0], params[0].arms[0], left, left_rests, air.network, at_s, gas)
@@ -159,7 +184,19 @@ def advance(machine: Any, params: Any, coils: Any, fed: bool, first: int, steps:
         positions[first + 7] = arm.freed_s
         positions[first + 8] = arm.slips
         positions[first + 9] = arm.clamp_pa
+        if params[0].arms[side].watches_yield:
+            _step_yield_sensors(arm, params[0].arms[side], (first_step + steps) * gas.step_s)
     positions[2 * len(POSITIONS)] = m.conveyor.trays_m
+
+
+@compiled
+def _step_yield_sensors(arm: Any, params: Any, now_s: float) -> None:
+    """Update the sensors of held and planted rows at the end of the last step, with the contents as last set."""
+    gauge_pa = arm.claws.minus.chamber.pressure_pa - ATMOSPHERE_PA
+    step_claw_pressure(arm.claw_pressure, params.claw_pressure, gauge_pa, now_s)
+    rise_m = params.down_m - arm.lift.position_m
+    step_beam(arm.seedling_beam, params.seedling_beam, arm.slide.position_m, rise_m, now_s)
+    step_cup_sensor(arm.cup_filled, params.cup_filled, arm.cups.chain_m, arm.cups.speed_m_s, now_s)
 
 
 @compiled
@@ -315,6 +352,13 @@ def read_sensors(machine: Any, params: Any, terminals: Any, inverted: Any, image
                 image,
             )
         _write_terminal(arm.cups.pulse, arm_params.cups.pulse, first + 8, terminals, inverted, image)
+        _write_terminal(
+            arm.claw_pressure.sensor, arm_params.claw_pressure.sensor, first + 9, terminals, inverted, image
+        )
+        _write_terminal(
+            arm.seedling_beam.sensor, arm_params.seedling_beam.sensor, first + 10, terminals, inverted, image
+        )
+        _write_terminal(arm.cup_filled.sensor, arm_params.cup_filled.sensor, first + 11, terminals, inverted, image)
     _write_terminal(m.conveyor.beam, p.conveyor.beam, _COMMON, terminals, inverted, image)
     _write_terminal(m.air.pressure_ok, p.air.pressure_ok, _COMMON + 1, terminals, inverted, image)
     _write_terminal(m.conveyor.magazine_empty, p.conveyor.magazine_empty, _COMMON + 2, terminals, inverted, image)

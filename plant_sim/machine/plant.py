@@ -281,6 +281,7 @@ class Plant(Saved):
     def _advance(self, for_ms: int) -> None:
         """Advance all moving parts; the safety relay removes coil power, and the air too, regardless of the outputs."""
         coils, fed = self.coils if self.box.powered else self.no_coils, not self.box.emergency_stop
+        self.limits.show_seedlings()
         first, steps = self.time_ms * self.steps_per_ms, for_ms * self.steps_per_ms
         advance(self.state, self.params, coils, fed, first, steps, self.positions)
         self.time_ms += for_ms

@@ -104,7 +104,7 @@ def bands_of(params: dict[str, float]) -> list[Band]:
     """
     bands = []
     for side in SIDES:
-        for index, tag in enumerate(ARM_SENSORS[:-1]):
+        for index, tag in enumerate(ARM_SENSORS[: ARM_SENSORS.index("cup_pulse")]):
             switch, column = _switch(index)
             at_m, band_m = params[f"{side}.{switch}.at_m"], params[f"{side}.{switch}.band_m"]
             bands.append(Band(f"{side}.{tag}", f"{side}.{column}", at_m - band_m, at_m + band_m))

@@ -180,6 +180,10 @@ class Twin(Watched, Readings):
         if self._restore_watchers(snapshot.watchers) or self._compiled is not compiled:
             self._on_watchers_changed()
 
+    def drop_observers(self) -> None:
+        """Call no observers of others, such as those of a server, so that scans can run in machine code."""
+        self.runtime.observers[:] = [self._log]
+
     def power_cycle(self, off_ms: int = 1_000) -> None:
         """Kill the controller between two scans, and restart it after `off_ms` of plant time."""
         if self.recorder is not None:
@@ -195,9 +199,10 @@ class Twin(Watched, Readings):
         if self.recorder is None:
             self._scan()
         else:
-            self.recorder.begin(self.now_ms + SCAN_MS)
-            self._scan()
-            self.recorder.end()
+            with self.runtime.gate:
+                self.recorder.begin(self.now_ms + SCAN_MS)
+                self._scan()
+                self.recorder.end()
 
     def _scan(self) -> None:
         now_ms = self.clock.now_ms()
@@ -269,9 +274,10 @@ class Twin(Watched, Readings):
         if recorder is None:
             return self._run_compiled(until_ms, condition)
         while self.now_ms < until_ms:
-            since_ms, stop_ms = self.now_ms, recorder.begin(until_ms)
-            met = self._run_compiled(stop_ms, condition)
-            recorder.end()
+            with self.runtime.gate:
+                since_ms, stop_ms = self.now_ms, recorder.begin(until_ms)
+                met = self._run_compiled(stop_ms, condition)
+                recorder.end()
             if met or self.now_ms < stop_ms or self.now_ms == since_ms:
                 return met
         return False

@@ -81,6 +81,8 @@ def _check(options: argparse.Namespace) -> int:
     ladder = load_ladder(options.file, cpu_of(options))
     parts_of(ladder)  # raises if the program cannot be run, which is an error and not a finding
     findings = check(ladder)
+    for note in ladder.notes:
+        print(f"{ladder.source}:1: note: {note}")
     for each in findings:
         print(f"{ladder.source}:{each.line}: {each.severity}: {each.text}")
     errors = sum(each.severity == "error" for each in findings)

@@ -28,6 +28,7 @@ from controller.hmi.ladder_page.application import LadderPage, application
 from controller.hmi.ladder_page.live_source import LiveSource
 from controller.hmi.ladder_page.program import PageProgram
 from controller.hmi.ladder_page.recorded_source import RecordedSource
+from controller.hmi.ladder_page.source import RunPicture
 from controller.hmi.web.server import WebServer, connections, listening, server_config
 from controller.program.machine import Transplanter
 
@@ -54,7 +55,9 @@ def serve_live_page(options: argparse.Namespace) -> int:
     return serve(LadderPage(source), options.host, options.port, options.stop)
 
 
-def serve_recorded_page(debugger: Debugger, program: PageProgram, port: int, stop: StopRequest) -> int:
+def serve_recorded_page(
+    debugger: Debugger, program: PageProgram, port: int, stop: StopRequest, picture: RunPicture | None = None
+) -> int:
     """Serve the page of a recorded run until the request to stop and return the exit code.
 
     Args:
@@ -62,11 +65,12 @@ def serve_recorded_page(debugger: Debugger, program: PageProgram, port: int, sto
         program: The program that was recorded.
         port: Port of the web server; 0 = any free port.
         stop: Request to stop.
+        picture: Picture of the machine of the run; None = it has none.
 
     Raises:
         InputError: The port cannot be listened on.
     """
-    return serve(LadderPage(RecordedSource(program, debugger)), "127.0.0.1", port, stop)
+    return serve(LadderPage(RecordedSource(program, debugger, picture)), "127.0.0.1", port, stop)
 
 
 def program_of_file(name: str, ladder: Ladder) -> PageProgram:

@@ -101,3 +101,11 @@ class Device:
     def __str__(self) -> str:
         """Return the FX name."""
         return f"{self.kind}{self.number:o}" if self.kind in ("X", "Y") else f"{self.kind}{self.number}"
+
+
+def splits_counter(first: Device, count: int) -> bool:
+    """Return True if the last of several words is the low half of the value of a 32-bit counter."""
+    if first.kind != "CN":
+        return False
+    single = max(0, min(FIRST_32_BIT_COUNTER - first.number, count))
+    return (count - single) % 2 == 1

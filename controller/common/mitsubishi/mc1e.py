@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from controller.common.mitsubishi.devices import BY_CODE_1E, KINDS, Device
+from controller.common.mitsubishi.devices import BY_CODE_1E, KINDS, Device, splits_counter
 from controller.common.mitsubishi.framing import DigitError, FrameReader, FrameWriter, ShortFrameError
 from controller.common.mitsubishi.requests import (
     BITS_PER_WORD,
@@ -313,7 +313,7 @@ def _batch(reader: FrameReader, subheader: int) -> Request:
         _check_alignment(first)
     else:
         limit = _WORDS
-    if count > limit or (has_two_words(first) and count % 2):
+    if count > limit or splits_counter(first, count):
         raise RequestError(TOO_MANY_POINTS)
     return WriteWords(first, reader.numbers(count, 2)) if is_write else ReadWords(first, count)
 

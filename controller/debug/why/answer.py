@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 from controller.debug.why import texts
 from controller.program.texts.operator import Language, Text
+
+_SPACE: Final = Text(" ", " ")
+_COLON: Final = Text(": ", "：")
 
 
 class CauseKind(IntEnum):
@@ -165,8 +169,8 @@ class WhyAnswer:
         """Yield the answer in words, line by line."""
         yield WhySentence(self.question)
         for number, each in enumerate(self.sets, 1):
-            parts = [_listed(texts.NEEDS, " ", each.contacts, present=False)] if each.contacts else []
-            parts += [_listed(texts.HELD_BY, ": ", each.causes, present=True)] if each.causes else []
+            parts = [_listed(texts.NEEDS, _SPACE, each.contacts, present=False)] if each.contacts else []
+            parts += [_listed(texts.HELD_BY, _COLON, each.causes, present=True)] if each.causes else []
             text = Text(*(f"  {number}. {'; '.join(words)}" for words in zip(*parts, strict=True)))
             yield WhySentence(text, tuple(sorted({contact.rung for contact in (*each.contacts, *each.causes)})))
         if self.more:
@@ -175,7 +179,7 @@ class WhyAnswer:
             yield WhySentence(_after("  ", step.text), () if step.rung is None else (step.rung,))
         for cause in self.causes[:3]:
             label = texts.CAUSE if cause is self.cause else texts.ALSO
-            text = Text(f"{label.en}: {cause.text.en}", f"{label.zh}: {cause.text.zh}")
+            text = Text(f"{label.en}: {cause.text.en}", f"{label.zh}：{cause.text.zh}")
             yield WhySentence(text, is_cause=cause is self.cause)
         yield WhySentence(self.proof.text)
 
@@ -205,9 +209,9 @@ def _after(prefix: str, text: Text) -> Text:
     return Text(prefix + text.en, prefix + text.zh)
 
 
-def _listed(label: Text, joint: str, contacts: tuple[WhyContact, ...], *, present: bool) -> Text:
+def _listed(label: Text, joint: Text, contacts: tuple[WhyContact, ...], *, present: bool) -> Text:
     listed = [contact.text(present=present) for contact in contacts]
     return Text(
-        f"{label.en}{joint}{', '.join(each.en for each in listed)}",
-        f"{label.zh}{joint}{', '.join(each.zh for each in listed)}",
+        f"{label.en}{joint.en}{', '.join(each.en for each in listed)}",
+        f"{label.zh}{joint.zh}{', '.join(each.zh for each in listed)}",
     )

@@ -20,7 +20,7 @@ from controller.program.operator.commands import ARM_OUTPUTS
 from controller.program.texts.interlocks import RULES
 from controller.program.texts.operator import Text
 
-_SAFEGUARDS = ("stop", "emergency_stop", "guard")
+SAFEGUARDS = ("stop", "emergency_stop", "guard")
 """Tags of the inputs that are named as a cause, and never as a contact to bridge."""
 
 
@@ -42,7 +42,7 @@ class MachineProgram(ExplainedProgram):
                 self._requests["Y", point.number] = frozenset((each.kind, each.number) for each in leaves(request))
         self._chinese = chinese_names(machine)
         self._safeguards: set[Key] = set()
-        for tag in _SAFEGUARDS:
+        for tag in SAFEGUARDS:
             point = machine.io_map.get(tag)
             if point is not None:
                 self._safeguards.add(("X", point.number))

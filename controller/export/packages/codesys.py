@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import Final
 
 from controller.export.packages.first_minutes import first_minutes
-from controller.export.packages.iec import COMMANDS, RETAINED, TEXT, constant_bits, require_levels, safe_levels, size
+from controller.export.packages.iec import (
+    COMMANDS,
+    RETAINED,
+    TEXT,
+    constant_bits,
+    require_levels,
+    safe_levels,
+    size_and_losses,
+)
 from controller.export.packages.package import CONFIRMATION, README, PackageReport, PackageSource, write_files
 from controller.export.packages.plcopen_xml import plcopen_xml
 from controller.export.runtime_parts.inputs import FieldInputs
@@ -105,7 +113,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         constants=constant_bits(program, link=modbus),
     )
     write_files(folder, {XML: xml.encode(), TEXT: _objects(text, local, lists).encode(), README: readme.encode()})
-    return PackageReport((size(text),), complete=True)
+    return PackageReport(size_and_losses(text), complete=True)
 
 
 def _objects(text: ProgramText, local: list[Variable], lists: dict[str, list[Variable]]) -> str:

@@ -28,6 +28,7 @@ RETAINED: Final = KeptMemory(
 
 COMMANDS: Final = range(400, 470)
 """Relays that a panel sets; the program resets them."""
+_MOST_NAMES: Final = 5
 
 
 def require_levels(source: PackageSource) -> None:
@@ -86,8 +87,13 @@ def addresses_csv(variables: Variables) -> bytes:
     return csv_text(("variable", "address", "type", "retained", "meaning"), rows, end="\r\n").encode()
 
 
-def size(text: ProgramText) -> str:
-    """Return one line that states the size of a program in Structured Text."""
+def size_and_losses(text: ProgramText) -> tuple[str, ...]:
+    """Return lines that state the size of a program in Structured Text, and the comments that it cannot contain."""
     every = text.variables.all()
     located = sum(bool(variable.address) for variable in every)
-    return f"{len(text.body.splitlines())} lines, {len(every)} variables, {located} of them with an address"
+    size = f"{len(text.body.splitlines())} lines, {len(every)} variables, {located} of them with an address"
+    lost = [variable.name for variable in every if not variable.comment.isascii()]
+    if not lost:
+        return (size,)
+    names = ", ".join(lost[:_MOST_NAMES]) + (", ..." if len(lost) > _MOST_NAMES else "")
+    return size, f"comments of {names}: characters beyond ASCII are written as ?; the I/O map has them"

@@ -15,7 +15,7 @@ from controller.export.packages.iec import (
     constant_bits,
     require_levels,
     safe_levels,
-    size,
+    size_and_losses,
 )
 from controller.export.packages.package import (
     CONFIRMATION,
@@ -86,4 +86,4 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         README: readme.encode(),
     }
     write_files(folder, files)
-    return PackageReport((size(text),), complete=True)
+    return PackageReport(size_and_losses(text), complete=True)

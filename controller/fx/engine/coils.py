@@ -124,7 +124,10 @@ def timer_off(n: int) -> Statement:
 
 
 def timer(n: int, preset: Operand, power: Condition) -> Statement:
-    """Return the statement for OUT T: an on-delay timer, or a retentive timer for T246 to T255."""
+    """Return the statement for OUT T: an on-delay timer, or a retentive timer for T246 to T255.
+
+    How a retentive timer counts short pulses and beyond its preset is from memory (docs/sources/fx2n.md 1.4).
+    """
     tick, counts = Tick(time_base_ms(n)), plain_word(preset)
     assert counts is not None  # noqa: S101 - a preset is a constant or a register without index
     start, value, done = RowElement("TS", n), RowElement("TV", n), RowElement("T", n)
@@ -154,7 +157,10 @@ def annunciator(n: int, preset: Operand, state: Operand, power: Condition) -> tu
 
 
 def counter(n: int, preset: Operand, power: Condition) -> tuple[Statement, ...]:
-    """Return the statements for OUT C: count up to the preset or, from C200 on, up and down with 32-bit wrap-around."""
+    """Return the statements for OUT C: count up to the preset or, from C200 on, up and down with 32-bit wrap-around.
+
+    The wrap-around is verified (docs/sources/fx2n.md 1.5).
+    """
     value, done, before = RowElement("CV", n), RowElement("C", n), RowElement("CE", n)
     if is_32_bit_counter(n):
         counts = plain_word(preset, wide=True)

@@ -18,7 +18,7 @@ RETENTIVE_TIMERS: Final = 246
 RETENTIVE_TIMER_NUMBERS: Final = range(RETENTIVE_TIMERS, 256)
 
 OUT_OF_RANGE: Final = 6706
-"""Error code in D8067 for an operand that is out of range (from memory)."""
+"""Error code in D8067 for an operand that is out of range (no page found)."""
 
 
 def time_base_ms(timer: int) -> int:
@@ -27,11 +27,11 @@ def time_base_ms(timer: int) -> int:
 
 
 CALL_DEPTH: Final = 5
-"""Nesting limit of subroutines (from memory)."""
+"""Nesting limit of subroutines (no page found)."""
 WATCHDOG_ERROR: Final = 6105
-"""Error code in D8061: the scan took longer than the limit in D8000 (from memory)."""
+"""Error code in D8061: the scan took longer than the limit in D8000 (no page found)."""
 CALL_ERROR: Final = 6607
-"""Error code in D8066: subroutines are nested too deeply (from memory)."""
+"""Error code in D8066: subroutines are nested too deeply (no page found)."""
 
 
 class CpuError(Exception):

@@ -15,7 +15,7 @@ from controller.fx.language.instruction import Instruction, Ladder
 from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS, step_numbers
 
 STEPS_A_MS: Final = 12_500
-"""Execution rate of the FX2N in basic steps per ms, for the watchdog: 0.08 us per step (fx2n.md 1.3, from memory)."""
+"""Execution rate of the FX2N in basic steps per ms, for the watchdog: 0.08 us per step (fx2n.md 1.3, no page found)."""
 LONGEST_SCAN_MS: Final = 2_000
 """Time limit of every scan, ms, even if the program uses WDT."""
 WATCHDOG_MS: Final = 8000
@@ -98,7 +98,7 @@ class Operations:
         return execute
 
     def _repeats(self, instruction: Instruction, at: int) -> Callable[[], int]:
-        """Return a function that reads the loop count: 1 if the operand is below 1 or out of range (from memory)."""
+        """Return a function that reads the loop count: 1 if the operand is below 1 or out of range (no page found)."""
         count = reader(self._cpu, instruction.operands[0], wide=False)
 
         def times() -> int:

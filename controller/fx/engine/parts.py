@@ -9,7 +9,7 @@ from controller.fx.language.instruction import DeviceOperand, Instruction, Ladde
 from controller.fx.language.instruction_set import steps
 
 END_POINTER = 63
-"""Label of END: CJ P63 jumps to END (docs/sources/fx2n.md 1.1, from memory)."""
+"""Label of END: CJ P63 jumps to END (docs/sources/fx2n.md 1.1, no page found)."""
 
 
 @dataclass(frozen=True, slots=True)

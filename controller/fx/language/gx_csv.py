@@ -4,7 +4,7 @@ The files are UTF-16LE with a byte order mark and CRLF line ends. Fields are quo
 represents a quotation mark in a field. Three header rows (title, PLC type, names of the seven columns) precede one row
 for each instruction; each additional operand has its own row. The verification marks of fx2n.md 2.1 apply here too.
 Columns are identified by position because their names depend on the language of the tool. The reader also accepts
-comma-separated fields and UTF-8, which other tools write.
+fields separated by commas or semicolons, and the encodings of `file_text`, which other tools and spreadsheets write.
 
 A line statement becomes a title; a PI statement becomes the note of its pointer. The file contains no device
 comments. The position of labels in the instruction column is from memory.
@@ -15,10 +15,11 @@ from __future__ import annotations
 import csv
 import io
 import re
-from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
+from codecs import BOM_UTF16_LE
 from dataclasses import dataclass, field
 from typing import Final
 
+from controller.common.files.text_encoding import EncodingError, FileText, file_text
 from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.fx.language.il import numbered, title_lines
 from controller.fx.language.instruction import DeviceOperand, Digits, Instruction, Ladder, Operand
@@ -29,22 +30,37 @@ COLUMNS: Final = ("Step No.", "Line Statement", "Instruction", "I/O(Device)", "B
 STEP, STATEMENT, INSTRUCTION, OPERAND, BLANK, PI_STATEMENT, NOTE = range(7)
 _HEAD: Final = 3
 _NUMBER: Final = re.compile(r"[0-9]{1,9}")
+_SEPARATORS: Final = ("\t", ",", ";")
+_COMMENT_MARKS: Final = (";", "//", "'", "(*")
+"""Beginnings of a comment line of an instruction list."""
 
 
-def decode_text(data: bytes, source: str) -> str:
-    """Return text encoded in UTF-16 with a byte order mark, or in UTF-8.
+def decode_text(data: bytes, source: str) -> FileText:
+    """Return the text of a program file.
 
     Raises:
-        LadderError: The text has neither encoding.
+        LadderError: The text has none of the encodings of `file_text`.
     """
-    wide = data.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
     try:
-        if wide:
-            return data.decode("utf-16")
-        return data.removeprefix(BOM_UTF8).decode()
-    except UnicodeDecodeError as error:
-        message = f"not {'UTF-16' if wide else 'UTF-8'} text; save it as Unicode text (UTF-16) or UTF-8"
-        raise file_error(source, message, data.count(b"\n", 0, error.start) + 1) from None
+        return file_text(data)
+    except EncodingError as error:
+        raise file_error(source, str(error), error.line) from None
+
+
+def separator_of(text: str) -> str | None:
+    """Return the character that separates the fields of a CSV program file; None if the text is no such file.
+
+    The third row names the seven columns; a first row in quotation marks also identifies the file.
+    """
+    lines = text.splitlines()
+    head = lines[_HEAD - 1] if len(lines) >= _HEAD else ""
+    if not head.startswith(_COMMENT_MARKS):
+        for separator in _SEPARATORS:
+            if len(next(csv.reader([head], delimiter=separator))) == len(COLUMNS):
+                return separator
+    if text.lstrip().startswith('"'):
+        return next((separator for separator in _SEPARATORS if any(separator in line for line in lines[:_HEAD])), "\t")
+    return None
 
 
 @dataclass(slots=True)
@@ -156,7 +172,7 @@ def read_gx_csv(data: bytes, source: str = "program", cpu: CpuModel = FX2N) -> L
         LadderError: The file is malformed or not a valid program of the CPU; the message has one line for each finding.
     """
     findings = TextErrors(source, cpu)
-    rows = _rows(decode_text(data, source), source)
+    rows = _rows(decode_text(data, source).text, source)
     _check_head(rows, findings)
     findings.raise_if_any()
     reader = _CsvReader(findings)
@@ -175,8 +191,7 @@ def _rows(text: str, source: str) -> list[tuple[int, list[str]]]:
     Raises:
         LadderError: A quotation mark is missing or misplaced.
     """
-    tabbed = "\t" in "".join(text.splitlines(keepends=True)[:_HEAD])
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter="\t" if tabbed else ",", strict=True)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator_of(text) or "\t", strict=True)
     rows: list[tuple[int, list[str]]] = []
     line = 1
     try:

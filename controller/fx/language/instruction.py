@@ -141,6 +141,7 @@ class Ladder:
         comments: Comment of each device, by its FX name.
         source: File name for messages.
         cpu: CPU for which the program is written.
+        notes: Assumptions about the format of the file, such as its encoding.
     """
 
     instructions: tuple[Instruction, ...]
@@ -148,3 +149,4 @@ class Ladder:
     comments: dict[str, str] = field(default_factory=dict, compare=False)
     source: str = field(default="program", compare=False)
     cpu: CpuModel = field(default=FX2N, compare=False)
+    notes: tuple[str, ...] = field(default=(), compare=False)

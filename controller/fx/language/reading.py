@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from controller.fx.language.cpu_model import FX2N, CpuModel
-from controller.fx.language.gx_csv import COLUMNS, decode_text, read_gx_csv
+from controller.fx.language.gx_csv import decode_text, read_gx_csv, separator_of
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import Ladder
 from controller.fx.language.parsing import file_error
@@ -17,8 +18,6 @@ LARGEST_BYTES: Final = 1_000_000
 """Size limit of a program file; a program of 8,000 steps is far smaller."""
 
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0E-\x1A\x7F]")
-_SEPARATOR: Final = re.compile(r"[\t,]")
-_COMMENT_MARKS: Final = (";", "//", "'", "(*")
 
 
 def load_ladder(path: Path, cpu: CpuModel = FX2N) -> Ladder:
@@ -32,11 +31,15 @@ def load_ladder(path: Path, cpu: CpuModel = FX2N) -> Ladder:
     data = _bytes(path, source)
     if path.suffix.lower() == ".wpg" or data.startswith(MAGIC):
         return read_wpg(data, source, cpu)
-    text = decode_text(data, source)
+    decoded = decode_text(data, source)
+    text = decoded.text
     if control := _CONTROL.search(text):
         message = f"not a text file (character U+{ord(control[0]):04X}); use an instruction list or a CSV file"
         raise file_error(source, message, text.count("\n", 0, control.start()) + 1)
-    return read_gx_csv(data, source, cpu) if _is_csv(text) else read_il(text, source, cpu)
+    separator = separator_of(text)
+    ladder = read_il(text, source, cpu) if separator is None else read_gx_csv(data, source, cpu)
+    semicolons = ("read as CSV with semicolons between the fields",) if separator == ";" else ()
+    return replace(ladder, notes=(*decoded.notes, *semicolons))
 
 
 def _bytes(path: Path, source: str) -> bytes:
@@ -71,11 +74,3 @@ def _foreign(path: Path, data: bytes) -> str | None:
     """Return the message for a file that another program must convert; None = none."""
     message = _PROJECTS.get(path.suffix.lower())
     return message or (_PROJECTS[".gxw"] if data.startswith(_OLE) else None)
-
-
-def _is_csv(text: str) -> bool:
-    """Return whether text is CSV: it begins with a quotation mark, or its third line has seven columns."""
-    if text.lstrip().startswith('"'):
-        return True
-    head = text.split("\n", 3)[2:3]
-    return any(not line.startswith(_COMMENT_MARKS) and len(_SEPARATOR.split(line)) == len(COLUMNS) for line in head)

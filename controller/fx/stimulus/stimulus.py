@@ -230,9 +230,12 @@ def _setting(setting: tuple[str, object], info: ValidationInfo) -> tuple[Watched
     name, value = setting
     device = _named(name, info)
     low, high = device.limits
-    if isinstance(value, int) and not isinstance(value, bool) and low <= value <= high:
-        return device, value
-    raise ValueError(f"{shown(value)} is out of range; write a number from {low} to {high}")
+    if not isinstance(value, int) or isinstance(value, bool):
+        zeros = ", without zeros in front" if isinstance(value, str) and value.lstrip("+-").isdecimal() else ""
+        raise ValueError(f"{shown(value)} is not a whole number; write one from {low} to {high}{zeros}")
+    if not low <= value <= high:
+        raise ValueError(f"{shown(value)} is out of range; write a number from {low} to {high}")
+    return device, value
 
 
 def _named(name: object, info: ValidationInfo) -> WatchedDevice:

@@ -22,6 +22,7 @@ from controller.hmi.serving.devices import (
     AccessRefusal,
     AccessRefusedError,
     check_bits,
+    check_value,
     check_words,
     taken,
     word_index,
@@ -149,15 +150,16 @@ class MachineSession:
     def on_request(self) -> None:
         """Renew the jog and the forced inputs of this partner, which expire if it sends no requests."""
         runtime = self._state.runtime
-        runtime.panel.read()
-        if self._jog is not None:
-            if self._jog_is_active(self._jog):
-                runtime.order(self._jog.name)
-            else:
-                self._note(self._jog.name, "0", "ended")
-                self._jog = None
-        if self._state.forcer is self:
-            runtime.forcing.renew()
+        with runtime.gate:
+            runtime.panel.read()
+            if self._jog is not None:
+                if self._jog_is_active(self._jog):
+                    runtime.order(self._jog.name)
+                else:
+                    self._note(self._jog.name, "0", "ended")
+                    self._jog = None
+            if self._state.forcer is self:
+                runtime.forcing.renew()
 
     def on_disconnect(self) -> None:
         """Release the jog and the forced inputs of this partner."""
@@ -169,7 +171,8 @@ class MachineSession:
             self._state.forcer = None
             forcing = self._state.runtime.forcing
             if forcing.levels:
-                forcing.release_all()
+                with self._state.runtime.gate:
+                    forcing.release_all()
                 self._note("force", "", "ended with the connection")
         self._name = ""  # the next partner on a serial line is another one
         self.snapshot.request(RELEASE)
@@ -338,7 +341,9 @@ class MachineSession:
             raise self.refused(
                 "force", str(list(values)), AccessRefusal.BAD_VALUE, "must be 0 or 1, or 2 to end forcing"
             )
-        self._state.runtime.forcing.force(number, None if level == status.RELEASE_FORCE else bool(level))
+        runtime = self._state.runtime
+        with runtime.gate:
+            runtime.forcing.force(number, None if level == status.RELEASE_FORCE else bool(level))
         self._state.invalidate_status_words()
         if level != status.RELEASE_FORCE:
             self._state.forcer = self
@@ -381,7 +386,7 @@ def _refusal_of(devices: Sequence[Device]) -> AccessRefusal:
             if device.kind in BIT_KINDS:
                 check_bits(device, 1)
             else:
-                check_words(device, 1, status.STATUS_WORDS)
+                check_value(device, status.STATUS_WORDS)
     except AccessRefusedError as error:
         return error.refusal
     return AccessRefusal.NOT_WRITABLE

@@ -19,6 +19,7 @@ from controller.hmi.serving.devices import (
     AccessRefusal,
     AccessRefusedError,
     check_bits,
+    check_value,
     check_words,
     taken,
     word_index,
@@ -144,7 +145,7 @@ class LiveSession:
         """Write words in the next scan."""
         signed = []
         for device, value in values:
-            check_words(device, 1, cpu=self._cpu)
+            check_value(device, cpu=self._cpu)
             is_long = device.kind == "CN" and device.number >= FIRST_32_BIT_COUNTER
             signed.append((device, _signed(value, _SIGN_32 if is_long else _SIGN_16)))
         await taken(self._live.writes.submit(lambda: self._live.put_words(signed)))

@@ -11,7 +11,7 @@ from typing import Final
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
-from starlette.routing import Route
+from starlette.routing import BaseRoute, Route
 from starlette.types import ASGIApp
 
 from controller.common.errors import InputError
@@ -45,7 +45,12 @@ VIEWS: Final = {"end": ObservedAt.END_VALUES, "executed": ObservedAt.AS_EXECUTED
 
 
 class LadderPage:
-    """Answers to the requests of a ladder page."""
+    """Answers to the requests of a ladder page.
+
+    Attributes:
+        source: Scans to show.
+        picture: Picture of the machine of a recorded run; None = there is none.
+    """
 
     def __init__(self, source: PageSource) -> None:
         """Initialise the page.
@@ -55,6 +60,8 @@ class LadderPage:
         """
         self.source = source
         self._program = source.program
+        run = source.recorded()
+        self.picture = None if run is None else run.picture
 
     async def describe(self, request: Request) -> Response:
         """Return the texts and the program without its rungs."""
@@ -62,7 +69,14 @@ class LadderPage:
         if columns is None:
             return _malformed("columns")
         texts = {key: text._asdict() for key, text in TEXTS.items()}
-        return JSONResponse(self._program.description(columns) | {"texts": texts, "live": self.source.is_live})
+        return JSONResponse(
+            self._program.description(columns)
+            | {"texts": texts, "live": self.source.is_live, "picture": self.picture is not None}
+        )
+
+    async def machine(self, _: Request) -> Response:
+        """Return the description for the picture of the machine."""
+        return Response(status_code=404) if self.picture is None else JSONResponse(self.picture.description())
 
     async def rungs(self, request: Request) -> Response:
         """Return the pictures of some rungs."""
@@ -86,7 +100,7 @@ class LadderPage:
         return JSONResponse(self._program.find(request.query_params.get("text", "")[:LONGEST_TEXT]))
 
     async def look(self, request: Request) -> Response:
-        """Return the states of some rungs in a scan."""
+        """Return the states of some rungs in a scan, and on request the machine after it."""
         view, span = VIEWS.get(request.query_params.get("view", "")), _span(request)
         scan = _number(request, "scan", range(2**32)) if "scan" in request.query_params else None
         if view is None or span is None or (scan is None and "scan" in request.query_params):
@@ -96,13 +110,15 @@ class LadderPage:
                 seen = await self.source.keep()
             else:
                 seen = await self.source.look(view, scan)
+            run = self.source.recorded() if request.query_params.get("machine") == "1" else None
+            machine = None if run is None else await run.machine(seen.held.number)
         except NotReadyError:
             return JSONResponse({"state": "starting"}, status_code=503)
         except NotConnectedError as error:
             return JSONResponse({"state": "lost", "reason": str(error)}, status_code=503)
         except ScanNotKeptError as error:
             return JSONResponse({"state": "gone", "reason": str(error)}, status_code=410)
-        return JSONResponse(self._look(seen, view, span))
+        return JSONResponse(self._look(seen, view, span) | {"machine": machine})
 
     async def why(self, request: Request) -> Response:
         """Return why a device is on or off after a scan; without a number, the last one or that of the position."""
@@ -179,7 +195,7 @@ def application(page: LadderPage, names: Iterable[str]) -> ASGIApp:
     async def index(_: Request) -> Response:
         return FileResponse(STATIC / "index.html")
 
-    routes = [
+    routes: list[BaseRoute] = [
         Route("/", index),
         *static_routes(STATIC),
         Route("/api/describe", page.describe),
@@ -192,6 +208,8 @@ def application(page: LadderPage, names: Iterable[str]) -> ASGIApp:
     ]
     if page.source.recorded() is not None:  # nothing moves a live controller
         routes += [Route("/api/run", page.run), Route("/api/command", page.command, methods=["POST"])]
+    if page.picture is not None:
+        routes += [Route("/api/machine", page.machine), *static_routes(page.picture.files, "/panel")]
     return Guard(counting(Starlette(routes=routes, lifespan=lifespan)), names, NOT_SERVED)
 
 

@@ -20,7 +20,7 @@ from controller.fx.language.instruction import Ladder
 from controller.fx.language.instruction_set import step_numbers
 from controller.fx.observation.device_use import device_uses
 from controller.fx.observation.end_values import EndValues
-from controller.fx.observation.hidden_state import has_hidden_state, stored_levels
+from controller.fx.observation.hidden_state import hidden_instructions, stored_levels
 from controller.fx.observation.observation import ScanObservation
 from controller.fx.observation.observed_plc import ObservedPlc
 from controller.hmi.modbus.held_scan import HeldScan
@@ -87,7 +87,7 @@ class LiveScanObserver:
         ]
         self._ladder = ladder
         self._steps = step_numbers(ladder.instructions)
-        self._hidden = self._named(at for at, each in enumerate(ladder.instructions) if has_hidden_state(each))
+        self._hidden = self._named(hidden_instructions(ladder))
         self._stored = tuple(stored_levels(ladder))
 
     def end_values(self, held: HeldScan) -> LiveScan:

@@ -17,7 +17,7 @@ from controller.fx.observation.end_values import EndValues
 from controller.fx.observation.observation import ObservedAt
 from controller.hmi.ladder_page.live_scan import LiveScan
 from controller.hmi.ladder_page.program import PageProgram
-from controller.hmi.ladder_page.source import NotReadyError, RunAccess, ScanNotKeptError
+from controller.hmi.ladder_page.source import NotReadyError, RunAccess, RunPicture, ScanNotKeptError
 from controller.hmi.modbus.held_scan import HeldScan
 
 
@@ -28,18 +28,21 @@ class RecordedSource:
         program: The program.
         is_live: False.
         debugger: Debugger of the run.
+        picture: Picture of its machine; None = it has none.
     """
 
     is_live = False
 
-    def __init__(self, program: PageProgram, debugger: Debugger) -> None:
+    def __init__(self, program: PageProgram, debugger: Debugger, picture: RunPicture | None = None) -> None:
         """Initialise a source that is not ready.
 
         Args:
             program: The program that was recorded.
             debugger: Debugger of the run.
+            picture: Picture of its machine; None = it has none.
         """
         self.program = program
+        self.picture = picture
         self.debugger = debugger
         self._end: EndValues | None = None
         self._lock = asyncio.Lock()
@@ -86,14 +89,26 @@ class RecordedSource:
         async with self._lock:
             return await in_thread("ladder page", self._state)
 
+    async def machine(self, scan: int) -> dict[str, Any] | None:
+        """Return the machine after a scan of the run that is shown; None = it has no picture."""
+        async with self._lock:
+            return await in_thread("ladder page", self._machine, scan)
+
+    def _machine(self, scan: int) -> dict[str, Any] | None:
+        if self.picture is None:
+            return None
+        line = self.debugger.line
+        _check_kept(line, scan)
+        line.seek(scan)
+        return self.picture.view()
+
     def _look(self, scan: int | None) -> LiveScan:
         if self._end is None:
             raise NotReadyError
         line, number = self.debugger.line, self.debugger.scan if scan is None else scan
         if self._latest is not None and self._latest[0] is line and self._latest[1].held.number == number:
             return self._latest[1]
-        if not line.first < number <= line.last:
-            raise ScanNotKeptError(f"scan {number} is not recorded; choose one from {line.first + 1} to {line.last}")
+        _check_kept(line, number)
         line.seek(number - 1)
         at_ms, executed = line.machine.now_ms, line.machine.observer.observe(line, number)
         line.seek(number)
@@ -129,9 +144,14 @@ class RecordedSource:
         return self._difference[1]
 
 
+def _check_kept(line: RunTimeline, scan: int) -> None:
+    if not line.first < scan <= line.last:
+        raise ScanNotKeptError(f"scan {scan} is not recorded; choose one from {line.first + 1} to {line.last}")
+
+
 def _marks(line: RunTimeline) -> list[dict[str, Any]]:
     """Return what entered the run, and the events of the program, by scan."""
-    marks = [{"scan": scan, "kind": "entry", "text": str(entry)} for scan, entry in line.entries() if scan <= line.last]
+    marks = [{"scan": scan, "kind": "entry", "text": text} for scan, text in line.told_entries()]
     line.seek(line.first)
     begun_ms = line.machine.now_ms
     line.seek(line.last)

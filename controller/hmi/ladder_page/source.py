@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Protocol
 
 from controller.common.errors import InputError
@@ -37,8 +38,30 @@ class UnknownScanError(Exception):
         self.seen = seen
 
 
+class RunPicture(Protocol):
+    """Picture of the machine in a recorded run.
+
+    Attributes:
+        files: Folder of the modules and styles that draw it.
+    """
+
+    files: Path
+
+    def description(self) -> dict[str, Any]:
+        """Return what is the same in all scans: texts, dimensions, terminals."""
+
+    def view(self) -> dict[str, Any]:
+        """Return the machine in the present state of the run."""
+
+
 class RunAccess(Protocol):
-    """Recorded run with a position, which the commands of the debugger move."""
+    """Recorded run with a position, which the commands of the debugger move.
+
+    Attributes:
+        picture: Picture of its machine; None = it has none.
+    """
+
+    picture: RunPicture | None
 
     async def execute(self, command: str) -> list[str]:
         """Execute a command and return the lines of its answer.
@@ -49,6 +72,13 @@ class RunAccess(Protocol):
 
     async def state(self) -> dict[str, Any]:
         """Return the position, the length of the run and of its branch, and the marks of the slider."""
+
+    async def machine(self, scan: int) -> dict[str, Any] | None:
+        """Return the machine after a scan of the run that is shown; None = it has no picture.
+
+        Raises:
+            ScanNotKeptError: The scan is not recorded.
+        """
 
 
 class PageSource(Protocol):

@@ -76,8 +76,8 @@ class HmiSession(ModbusDevice):
             span = _span("holding", first, count)
             if span is None:
                 raise AccessRefusedError(AccessRefusal.NO_DEVICE)
-            device, skipped = _register(span, first)
-            return self._access.read_words(device, count + skipped)[skipped:]
+            device, is_high = _register(span, first)
+            return self._access.read_words(_NOWHERE if is_high else device, count)
 
     def read_input_registers(self, first: int, count: int) -> list[int]:
         """Return input registers, which are identical to the holding registers."""

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import TYPE_CHECKING, Final, Protocol
 
-from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
+from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device, splits_counter
 from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.io.scan_writes import NoScanError, ScanWrite
 
@@ -126,7 +126,7 @@ def last_counter(first: int, words: int) -> int:
 
 
 def check_words(first: Device, count: int, registers: int = 0, cpu: CpuModel = FX2N) -> None:
-    """Raise AccessRefusedError unless all words exist.
+    """Raise AccessRefusedError unless all words exist and no 32-bit value is split, whose halves could be of two scans.
 
     Args:
         first: First device.
@@ -134,7 +134,7 @@ def check_words(first: Device, count: int, registers: int = 0, cpu: CpuModel = F
         registers: Number of R registers.
         cpu: CPU.
     """
-    if count < 1:
+    if count < 1 or splits_counter(first, count):
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     last = last_counter(first.number, count) if first.kind == "CN" else first.number + count - 1
     if first.kind == "R":
@@ -144,6 +144,12 @@ def check_words(first: Device, count: int, registers: int = 0, cpu: CpuModel = F
         _check_range(_DEVICE_OF_WORD[first.kind], first.number, last, cpu)
     else:
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)
+
+
+def check_value(device: Device, registers: int = 0, cpu: CpuModel = FX2N) -> None:
+    """Raise AccessRefusedError unless the words of one value exist; arguments as in `check_words`."""
+    is_long = device.kind == "CN" and device.number >= FIRST_32_BIT_COUNTER
+    check_words(device, 2 if is_long else 1, registers, cpu)
 
 
 def words_of_counters(values: Sequence[int]) -> list[int]:

@@ -15,6 +15,7 @@ from typing import Any, Final
 from controller.common.modbus.client import RtuFrames
 from controller.common.modbus.client_requests import ModbusRequest
 from controller.common.modbus.rtu import LONGEST_FRAME, SerialLine
+from controller.common.serial_server import close_port
 from controller.io.field.line import BusLine
 
 # also without parity, where the specification requires a second stop bit
@@ -85,9 +86,9 @@ class RtuBus(BusLine):
 
     def close(self) -> None:
         """Close the device file."""
-        if self._port is not None:
-            self._port.close()
-        self._port = None
+        port, self._port = self._port, None
+        if port is not None:
+            close_port(port)
         self._frames.discard()
 
     def _rest(self) -> None:

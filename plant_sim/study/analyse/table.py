@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from controller.common.document.parts import counted
+from controller.common.files.text_encoding import EncodingError, FileText, file_text
 from plant_sim.study.errors import StudyError
 
 MOST_TRIALS: Final = 10_000
@@ -53,11 +55,13 @@ class TrialTable:
         path: Path of the file.
         columns: Columns.
         lines: Line of the file of each trial.
+        notes: Assumptions about the encoding of the file.
     """
 
     path: Path
     columns: tuple[TrialColumn, ...]
     lines: tuple[int, ...]
+    notes: tuple[str, ...] = ()
 
     def column(self, name: str, option: str) -> TrialColumn:
         """Return a column by its name, with or without its unit.
@@ -172,7 +176,7 @@ def _is_meant_as_number(cell: str) -> bool:
 
 
 def read_table(path: Path) -> TrialTable:
-    """Read a table of trials: a heading, then one line per trial, in UTF-8 with commas.
+    """Read a table of trials: a heading, then one line per trial, with commas, in an encoding of `file_text`.
 
     Args:
         path: Path of the CSV file.
@@ -180,7 +184,8 @@ def read_table(path: Path) -> TrialTable:
     Raises:
         StudyError: The file cannot be read, or is not such a table; the message states line, column and remedy.
     """
-    text = _text(path)
+    decoded = _text(path)
+    text = decoded.text
     _check_separator(path, text)
     records = _records(path, text)
     heading_line, heading = records[0]
@@ -190,7 +195,7 @@ def read_table(path: Path) -> TrialTable:
             raise StudyError(f"{path}:{heading_line}: column {name}: occurs twice in the heading; rename one")
     rows = records[1:]
     if len(rows) < 2:
-        raise StudyError(f"{path}: has {len(rows)} trials; write a heading and at least two lines")
+        raise StudyError(f"{path}: has {counted(len(rows), 'trial')}; write a heading and at least two lines")
     if len(rows) > MOST_TRIALS or len(names) > MOST_COLUMNS:
         raise StudyError(
             f"{path}: has {len(rows)} trials in {len(names)} columns; "
@@ -198,15 +203,18 @@ def read_table(path: Path) -> TrialTable:
         )
     for line, row in rows:
         if len(row) != len(names):
-            hint = _comma_hint(row) if len(row) > len(names) else "complete the line"
-            raise StudyError(f"{path}:{line}: has {len(row)} cells for {len(names)} columns; {hint}")
+            hint = _comma_hint(row) if len(row) > len(names) else _short_hint(row)
+            raise StudyError(f"{path}:{line}: has {counted(len(row), 'cell')} for {len(names)} columns; {hint}")
     columns = zip(names, zip(*(row for _, row in rows), strict=True), strict=True)
     return TrialTable(
-        path, tuple(TrialColumn(name, unit, cells) for (name, unit), cells in columns), tuple(line for line, _ in rows)
+        path,
+        tuple(TrialColumn(name, unit, cells) for (name, unit), cells in columns),
+        tuple(line for line, _ in rows),
+        decoded.notes,
     )
 
 
-def _text(path: Path) -> str:
+def _text(path: Path) -> FileText:
     """Return the text of the file."""
     try:
         with path.open("rb") as file:
@@ -218,30 +226,17 @@ def _text(path: Path) -> str:
         raise StudyError(f"{path}: is larger than {_MOST_BYTES // 1_000_000} MB; divide the table")
     if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise StudyError(f"{path}:1: is a workbook, not a table of text; {save} in the spreadsheet program")
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise StudyError(f"{path}:1: is UTF-16 text; {save} in the spreadsheet program")
     try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise _encoding_error(path, data, error.start, save) from None
-    control = re.search(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]", text)
+        decoded = file_text(data)
+    except EncodingError as error:
+        column = data.split(b"\n")[error.line - 1][: error.column - 1].count(b",") + 1
+        reason = str(error).partition(";")[0]
+        raise StudyError(f"{path}:{error.line}: column {column}: is {reason}; {save}") from None
+    control = re.search(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]", decoded.text)
     if control is not None:
-        line = text.count("\n", 0, control.start()) + 1
+        line = decoded.text.count("\n", 0, control.start()) + 1
         raise StudyError(f"{path}:{line}: contains a control character; {save}")
-    return text
-
-
-def _encoding_error(path: Path, data: bytes, start: int, save: str) -> StudyError:
-    """Return the error of a byte that is not UTF-8, with its line and column."""
-    before = data[:start]
-    line = before.count(b"\n") + 1
-    column = before[before.rfind(b"\n") + 1 :].count(b",") + 1
-    try:
-        data.decode("gb18030")
-        kind = "probably GBK, as a Chinese Windows saves a CSV file"
-    except UnicodeDecodeError:
-        kind = "in an unknown encoding"
-    return StudyError(f"{path}:{line}: column {column}: is not UTF-8 but {kind}; {save}")
+    return decoded
 
 
 def _check_separator(path: Path, text: str) -> None:
@@ -303,6 +298,11 @@ def _name(path: Path, line: int, number: int, cell: str) -> tuple[str, str]:
         return match[1], match[2] or match[3]
     match = _SLASH.fullmatch(cell)
     return (match[1], match[2]) if match is not None else (cell, "-")
+
+
+def _short_hint(row: Sequence[str]) -> str:
+    """Return the remedy for a line with too few cells."""
+    return "separate its cells with commas instead of semicolons" if ";" in row[0] else "complete the line"
 
 
 def _comma_hint(row: Iterable[str]) -> str:

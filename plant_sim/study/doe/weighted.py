@@ -35,6 +35,7 @@ from plant_sim.study.doe.regression import (
     pure_error,
     tested_row,
 )
+from plant_sim.study.doe.score_test import nested_f, pure_matrix
 from plant_sim.study.errors import StudyError
 
 _PERCENT: Final = 100.0
@@ -72,6 +73,7 @@ class WeightedFit:
     r2: float
     adjusted_r2: float
     _results: Any = field(repr=False)
+    _additive: int = field(repr=False)
 
     @property
     def response(self) -> Array:
@@ -109,9 +111,17 @@ class WeightedFit:
         return find_row(self.anova, source)
 
     def joint_row(self, source: str, terms: Sequence[str]) -> AnovaRow:
-        """Return the row of several terms together: the increase of the residual if all of them are removed."""
-        error, names = self.dispersion.estimate or 0.0, list(self.coefficients)
-        return joint_row(source, terms, names, self._results, error=error, error_df=self.dispersion.degrees)
+        """Return the row of several terms together, tested with the weights of the model without them (`nested_f`).
+
+        The sum of squares is relative to the pure error of this fit, so that F is the ratio of the mean squares.
+        """
+        error, degrees, names = self.dispersion.estimate or 0.0, self.dispersion.degrees, list(self.coefficients)
+        if self.is_lower_bound:
+            return joint_row(source, terms, names, self._results, error=error, error_df=degrees)
+        matrix, pure = self._matrix(self.coded), pure_matrix(self.coded, self._additive)
+        without = np.delete(matrix, [names.index(term) for term in terms], axis=1)
+        f = float(nested_f(without, matrix, pure, self.counts / self.totals, self.totals, link=self.link))
+        return tested_row(source, f * len(terms) * error, len(terms), error, degrees)
 
     def p_value(self, source: str) -> float:
         """Return the P value of a row of the analysis of variance.
@@ -330,6 +340,7 @@ def weighted_fit(
         r2=float(results.rsquared),
         adjusted_r2=float(results.rsquared_adj),
         _results=results,
+        _additive=additive,
     )
 
 

@@ -18,24 +18,34 @@ def origin_parts(machine: Machine, file: Path | None = None) -> list[str]:
         machine: Base machine of the study.
         file: File of the machine; None for the delivered one.
     """
-    changed = changed_keys(machine)
-    fitted = (
+    return [
+        *changed_parts(machine, file),
         "What was fitted to what: the constants of the twin's seedlings were fitted to equation 5 and to the "
         "statements of the pepper paper on single factors, in the motion of the delivered machine (study calibration); "
         "equation 5 was fitted to Table 4. Agreement of the twin with any of these is in-sample: it shows that "
         "complete trials keep the calibration, and does not confirm the paper. Hold-out tests are in "
-        "docs/statistics.md."
-    )
+        "docs/statistics.md.",
+    ]
+
+
+def changed_parts(machine: Machine, file: Path | None = None) -> list[str]:
+    """Return the paragraph that names how a machine was changed; empty for the delivered machine.
+
+    Args:
+        machine: Base machine of the result.
+        file: File of the machine; None for the delivered one.
+    """
+    changed = changed_keys(machine)
     if not changed:
-        return [fitted]
+        return []
     listed = ", ".join(changed[:_MOST_LISTED])
     more = f" and {len(changed) - _MOST_LISTED} others" if len(changed) > _MOST_LISTED else ""
     named = "" if file is None else f" ({file})"
+    differs = "differs" if len(changed) == 1 else "differ"
     return [
-        f"Changed machine{named}: {listed}{more} differ from the delivered machine, for which the seedlings were "
+        f"Changed machine{named}: {listed}{more} {differs} from the delivered machine, for which the seedlings were "
         "fitted. Equation 5, Table 4 and the statements of the paper belong to the machine of the paper: differences "
-        "from them are effects of the change and of the fit together.",
-        fitted,
+        "from them are effects of the change and of the fit together."
     ]
 
 

@@ -15,7 +15,7 @@ from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
 from plant_sim.study.runner import OverallProgress, RunOptions
-from plant_sim.study.throughput.gains import MotionGain, motion_gains, planned_runs
+from plant_sim.study.throughput.gains import MotionGain, has_gap, motion_gains, planned_runs
 from plant_sim.study.throughput.pace import CyclePace, CyclePaces, setting_at
 from plant_sim.study.throughput.scan import SERVED_PER_MIN, ConditionScan
 from plant_sim.twin.report import TrialReport
@@ -55,7 +55,12 @@ class FrequencyResult:
     @property
     def gaps(self) -> int:
         """Number of trials that had a gap or did not complete."""
-        return sum(bool(trial.missed_cups or trial.reason) for trial in self.trials)
+        return self.free.count(False)
+
+    @property
+    def free(self) -> tuple[bool, ...]:
+        """For each trial whether it completed without a missed cup."""
+        return tuple(not has_gap(trial) for trial in self.trials)
 
     @property
     def air_l_min(self) -> float:
@@ -181,7 +186,8 @@ def drive(options: RunOptions, frequencies_per_min: Sequence[int], spacing_m: fl
     cache.observe(SERVED_PER_MIN)
     limits = limits_of(results, cache.observed)
     limit = limits.without_gap.limit
-    gains = [] if limit is None else motion_gains(options, limit)
+    free = {each: result.free for each, result in results.items()}
+    gains = [] if limit is None else motion_gains(options, cache(limit), free)
     return ThroughputResult(plants_m, spacing_m is None, frequencies, results, cache.observed, limits, gains)
 
 

@@ -3,32 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
-from statistics import fmean
+from statistics import fmean, stdev
 from typing import Final
 
-from controller.program.set_points import FASTEST_PER_MIN, SLOWEST_PER_MIN, SetPoints
+from scipy import stats
+
+from controller.program.set_points import SetPoints
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.engines import spread
 from plant_sim.study.factors import FactorSetting
 from plant_sim.study.runner import RunOptions, trial_seed
-from plant_sim.study.throughput.pace import Observed, observe, setting_at
+from plant_sim.study.throughput.pace import CyclePace, Observed, observe, setting_at
 from plant_sim.study.throughput.scan import ConditionScan
 from plant_sim.study.throughput.timeline import Timeline, motion_of
 from plant_sim.twin.report import TrialReport
 
 CHANGES: Final = (-0.10, 0.10)
 """Changes of the time of a motion, as fractions."""
-REACH_PER_MIN: Final = 6
-"""Distance from the limit of the machine up to which the frequencies are scanned in the direction in which a changed
-motion is expected to move it, 1/min; in the other direction it is `REACH_BACK_PER_MIN`."""
-REACH_BACK_PER_MIN: Final = 1
+ROUNDING_PER_MIN: Final = 1 / math.sqrt(12)
+"""Standard deviation of a number that is rounded to steps of 1/min, as the limit of a trial is, 1/min."""
 _CLOSE: Final = 0.003
 """Largest difference between the wanted and the measured change of a time, as a fraction of the time."""
 _ROUNDS: Final = 4
 """Largest number of runs in which the change of a time is approached."""
+_PLANNED_ROUNDS: Final = 2
+_PLANNED_FREQUENCIES: Final = 6
 _PROGRAM: Final = "program."
 
 
@@ -74,7 +76,7 @@ class MotionGain:
         value: Value of the parameter, in its unit or in counts of the program.
         margin_s: Change of the smallest margin of the observed rounds at the limit of the unchanged machine, s.
         scan: Condition that no trial has a gap, around that limit.
-        base_limit_per_min: Limit of the unchanged machine, 1/min.
+        differences_per_min: For each trial, the change of the number of planting frequencies without a gap, 1/min.
     """
 
     motion: ChangedMotion
@@ -83,40 +85,57 @@ class MotionGain:
     value: float
     margin_s: float
     scan: ConditionScan
-    base_limit_per_min: int
+    differences_per_min: tuple[int, ...]
 
     @property
-    def gained_per_min(self) -> int | None:
-        """Change of the limit, 1/min; None if the lowest scanned frequency has a gap."""
-        limit = self.scan.limit
-        return None if limit is None else limit - self.base_limit_per_min
+    def gain_per_min(self) -> float:
+        """Mean change of the limit over the trials, 1/min."""
+        return fmean(self.differences_per_min)
+
+    @property
+    def interval_per_min(self) -> tuple[float, float]:
+        """95 % interval of the mean change by Student's t over the trials, 1/min.
+
+        The standard deviation of a trial is taken as at least `ROUNDING_PER_MIN`: trials with equal differences do not
+        show what is lost by the steps of the frequencies.
+        """
+        number = len(self.differences_per_min)
+        error = max(stdev(self.differences_per_min), ROUNDING_PER_MIN) / math.sqrt(number)
+        half = float(stats.t.ppf(0.975, number - 1)) * error
+        return self.gain_per_min - half, self.gain_per_min + half
+
+    @property
+    def is_shown(self) -> bool:
+        """True if the interval of the mean change does not contain 0."""
+        low, high = self.interval_per_min
+        return low > 0 or high < 0
+
+
+def has_gap(trial: TrialReport) -> bool:
+    """Return True if a trial has missed a cup or has not completed."""
+    return bool(trial.missed_cups or trial.reason)
 
 
 def planned_runs(trials: int) -> int:
-    """Return an upper estimate of the number of runs of `motion_gains` for a number of trials at each frequency."""
-    changed = len(CHANGES) * len(MOTIONS)
-    return 1 + changed * (_ROUNDS + trials * (REACH_BACK_PER_MIN + 1 + REACH_PER_MIN))
+    """Return an estimate of the number of runs of `motion_gains` for a number of trials at each frequency."""
+    return len(CHANGES) * len(MOTIONS) * (_PLANNED_ROUNDS + trials * _PLANNED_FREQUENCIES)
 
 
-def motion_gains(options: RunOptions, limit_per_min: int) -> list[MotionGain]:
+def motion_gains(options: RunOptions, pace: CyclePace, free: Mapping[int, Sequence[bool]]) -> list[MotionGain]:
     """Change the time of one motion after the other, and scan the frequencies around the limit again.
 
     The parameter of a motion is adapted until the time measured on the twin has changed as wanted. All machines run
     with the same seeds as the unchanged one, so that only the motion differs.
 
     Args:
-        options: Run options, with the machine.
-        limit_per_min: Highest frequency of the unchanged machine up to which no trial has a gap.
+        options: Run options, with the machine and at least two trials.
+        pace: Pace of the unchanged machine at its limit, the highest frequency up to which no trial has a gap.
+        free: Whether each trial of the unchanged machine is free of gaps, at every frequency that the program serves.
     """
-    (base,) = _observe(options, [setting_at(limit_per_min)])
+    base, limit_per_min = pace.runs[0], pace.frequency_per_min
     changed = [(motion, change) for motion in MOTIONS for change in CHANGES]
     values, observed = _adapted(options, base, changed)
-    settings = [
-        (frequency, _setting(frequency, motion, value))
-        for (motion, change), value in zip(changed, values, strict=True)
-        for frequency in _window(limit_per_min, change)
-    ]
-    reports = iter(options.run_indexed(settings))
+    machines = [(motion, value) for (motion, _), value in zip(changed, values, strict=True)]
     return [
         MotionGain(
             motion,
@@ -124,24 +143,46 @@ def motion_gains(options: RunOptions, limit_per_min: int) -> list[MotionGain]:
             changed_s=_time_s(run.timeline, motion),
             value=value,
             margin_s=_least_margin_s(run) - _least_margin_s(base),
-            scan=ConditionScan(
-                motion.name,
-                {each: _is_free_of_gaps(next(reports)) for each in _window(limit_per_min, change)},
+            scan=ConditionScan(motion.name, {each: all(own[each]) for each in own}),
+            differences_per_min=tuple(
+                sum(own[each][trial] - free[each][trial] for each in own) for trial in range(options.trials)
             ),
-            base_limit_per_min=limit_per_min,
         )
-        for (motion, change), value, run in zip(changed, values, observed, strict=True)
+        for (motion, value), run, own in zip(
+            machines, observed, _scanned(options, machines, limit_per_min, free), strict=True
+        )
     ]
 
 
-def _window(limit_per_min: int, change: float) -> range:
-    """Return the frequencies to scan with a changed time of a motion, 1/min; a shorter time raises the limit."""
-    below, above = (REACH_BACK_PER_MIN, REACH_PER_MIN) if change < 0 else (REACH_PER_MIN, REACH_BACK_PER_MIN)
-    return range(max(SLOWEST_PER_MIN, limit_per_min - below), min(FASTEST_PER_MIN, limit_per_min + above) + 1)
+def _scanned(
+    options: RunOptions,
+    machines: Sequence[tuple[ChangedMotion, float]],
+    limit_per_min: int,
+    free: Mapping[int, Sequence[bool]],
+) -> list[dict[int, tuple[bool, ...]]]:
+    """Return for each changed machine whether its trials are free of gaps, by ascending frequency.
+
+    The scan begins with the frequencies at which some trials of the unchanged machine have a gap, and the next ones on
+    both sides. It goes on until all trials are free at the lowest frequency and none is at the highest.
+    """
+    highest = next((each for each in free if each > limit_per_min and not any(free[each])), max(free))
+    pending = [(number, each) for number in range(len(machines)) for each in range(limit_per_min, highest + 1)]
+    found: list[dict[int, tuple[bool, ...]]] = [{} for _ in machines]
+    while pending:
+        settings = [(each, _setting(each, *machines[number])) for number, each in pending]
+        for (number, each), trials in zip(pending, options.run_indexed(settings), strict=True):
+            found[number][each] = tuple(not has_gap(trial) for trial in trials)
+        pending = [(number, each) for number, own in enumerate(found) for each in _further(own) if each in free]
+    return [dict(sorted(own.items())) for own in found]
 
 
-def _is_free_of_gaps(trials: Sequence[TrialReport]) -> bool:
-    return not any(trial.missed_cups or trial.reason for trial in trials)
+def _further(own: Mapping[int, Sequence[bool]]) -> Iterator[int]:
+    """Yield the frequencies beyond the scanned ones that are not yet decided by them."""
+    lowest, highest = min(own), max(own)
+    if not all(own[lowest]):
+        yield lowest - 1
+    if any(own[highest]):
+        yield highest + 1
 
 
 def _adapted(

@@ -61,7 +61,9 @@ def _gain_record(gain: MotionGain) -> dict[str, object]:
         "margin_s": gain.margin_s,
         "scanned_per_min": [min(gain.scan.met), max(gain.scan.met)],
         "limit_per_min": gain.scan.limit,
-        "gained_per_min": gain.gained_per_min,
+        "gain_per_min": gain.gain_per_min,
+        "interval_per_min": gain.interval_per_min,
+        "differences_per_min": gain.differences_per_min,
     }
 
 

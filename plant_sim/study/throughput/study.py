@@ -25,6 +25,7 @@ from plant_sim.study.throughput.driving import (
     ground_speed_km_h,
 )
 from plant_sim.study.throughput.figures import curves, scan_figure
+from plant_sim.study.throughput.gains import ROUNDING_PER_MIN, MotionGain
 from plant_sim.study.throughput.pace import TRAYS, round_needed_s
 from plant_sim.study.throughput.record import record_of
 from plant_sim.study.throughput.scan import ConditionScan
@@ -159,11 +160,10 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 def _gain_parts(result: ThroughputResult) -> list[Part]:
-    heading = Heading("Next plant per minute")
-    if not result.gains:
+    gains, limit = result.gains, result.limits.without_gap.limit
+    if not gains or limit is None:
         return []
-    base = result.gains[0].base_limit_per_min
-    scanned = [each for gain in result.gains for each in gain.scan.met]
+    scanned = [each for gain in gains for each in gain.scan.met]
     rows: list[tuple[Cell, ...]] = [
         (
             each.motion.name,
@@ -173,26 +173,30 @@ def _gain_parts(result: ThroughputResult) -> list[Part]:
             f"{each.value:.4g}",
             each.margin_s,
             _limit_text(each.scan),
-            None if each.gained_per_min is None else f"{each.gained_per_min:+d}" if each.gained_per_min else "0",
+            f"{each.gain_per_min:+.1f}",
+            *(f"{end:+.1f}" for end in each.interval_per_min),
+            "yes" if each.is_shown else "no: the interval includes 0",
         )
-        for each in result.gains
+        for each in gains
     ]
-    faster = [each for each in result.gains if each.changed_s < each.base_s and each.gained_per_min is not None]
-    most = max(faster, key=lambda each: (each.gained_per_min or 0, each.margin_s), default=None)
+    trials = len(gains[0].differences_per_min)
     text = (
         "The time of each motion was changed by 10 % on the twin, by its throttle, motor or set-point, until the "
-        f"measured time agreed, and the frequencies around the limit, from {min(scanned)} to {max(scanned)}/min, were "
-        "run again with the same seeds. The "
-        f"margin is the smallest one of the rounds at {base}/min."
+        f"measured time agreed as far as the steps of a scan allow. {counted(trials, 'trial')} at each frequency that "
+        f"decides about a motion, from {min(scanned)} to {max(scanned)}/min, were run again with the same seeds. The "
+        "column plants per minute is the change of the number of "
+        "frequencies without a gap, mean of the trials, with its 95 % interval by Student's t between them; the "
+        f"standard deviation of a trial is taken as at least {ROUNDING_PER_MIN:.2f}/min, because frequencies have "
+        f"steps of 1/min. The margin is the smallest one of the rounds of one run at {limit}/min, where a second is "
+        f"worth {limit / round_needed_s(limit):.1f} plants per minute: it orders motions whose gain is too small to be "
+        f"shown. {_shown_text(gains)}"
     )
-    if most is not None and (most.gained_per_min or 0) > 0:
-        text += f" The motion that gives the most is {most.motion.name}: {most.gained_per_min:+d} plants per minute."
     return [
-        heading,
+        Heading("Next plant per minute"),
         text,
         Table(
             "gains",
-            f"Limit with a changed time of one motion; unchanged machine: {base}/min",
+            f"Limit with a changed time of one motion; unchanged machine: {limit}/min",
             (
                 "motion",
                 "time, s",
@@ -202,10 +206,27 @@ def _gain_parts(result: ThroughputResult) -> list[Part]:
                 "margin changed by, s",
                 "limit, 1/min",
                 "plants per minute",
+                "95 % interval: from",
+                "to",
+                "shown",
             ),
             tuple(rows),
         ),
     ]
+
+
+def _shown_text(gains: Sequence[MotionGain]) -> str:
+    """Return the motions that give plants if they are shorter, and those for which this is not shown."""
+    shorter = [each for each in gains if each.changed_s < each.base_s]
+    giving = sorted(
+        (each for each in shorter if each.is_shown and each.gain_per_min > 0), key=lambda each: -each.gain_per_min
+    )
+    if not giving:
+        return "No motion that is shorter by 10 % is shown to give a plant per minute; a larger --trials may."
+    listed = ", ".join(f"{each.motion.name} {each.gain_per_min:+.1f}" for each in giving)
+    text = f"Shorter by 10 %, these give plants per minute: {listed}."
+    rest = ", ".join(each.motion.name for each in shorter if each not in giving)
+    return f"{text} Not shown for: {rest}." if rest else text
 
 
 def _round_s(frequency_per_min: int | None) -> float | None:

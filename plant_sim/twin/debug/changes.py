@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import replace
 from typing import Final
 
 from controller.common.errors import InputError
@@ -12,16 +10,13 @@ from controller.common.suggestion import suggestion
 from controller.core.devices import device_name
 from controller.debug.machine import OutsideEntry
 from controller.program.set_points import SetPointError
-from plant_sim.faults import FAULTS, parse_fault
 from plant_sim.machine.terminals import BUTTONS
 from plant_sim.twin.debug.outside import BranchAct
+from plant_sim.twin.debug.plant_changes import End, fault_begins, fault_ends, level_of
 from plant_sim.twin.lock_step import Twin
 
 _X: Final = re.compile("[Xx][0-7]{1,3}")
-_LEVELS: Final = {"on": True, "1": True, "off": False, "0": False}
 _KINDS: Final = "write X1=on, start=on, command=hold, fault=KIND:TARGET, mend=KIND:TARGET, or SET-POINT=NUMBER"
-
-End = Callable[[], OutsideEntry]
 
 
 def change_of(twin: Twin, name: str, value: str) -> tuple[OutsideEntry, End | None]:
@@ -41,13 +36,13 @@ def change_of(twin: Twin, name: str, value: str) -> tuple[OutsideEntry, End | No
     if name == "command":
         return _command(twin, value, text), None
     if name == "fault":
-        return _fault(twin, value, text)
+        return fault_begins(twin.plant, value)
     if name == "mend":
-        return _mend(twin, value, text), None
+        return fault_ends(twin.plant, value), None
     if name in BUTTONS and name in twin.io_map:
-        return _button(twin, name, text, level=_level(text, value))
+        return _button(twin, name, text, level=level_of(name, value))
     if _X.fullmatch(name) or (name in twin.io_map and twin.io_map[name].device == "X"):
-        number, level = _terminal(twin, name, text, level=_level(text, value))
+        number, level = _terminal(twin, name, text, level=level_of(name, value))
         return _bridge(number, text, level=level)
     return _set_point(twin, name, value, text)
 
@@ -59,26 +54,6 @@ def _command(twin: Twin, value: str, text: str) -> OutsideEntry:
         known = [command.name for command in twin.machine.tags.commands]
         raise InputError(f"{text}: no such command; {suggestion(value, known)}") from None
     return BranchAct(text, lambda twin: twin.command(value))
-
-
-def _fault(twin: Twin, value: str, text: str) -> tuple[OutsideEntry, End]:
-    fault = parse_fault(value)
-    if FAULTS[fault.kind].permanent:
-        raise InputError(f"{text}: must be set before the run; record another run with it")
-    FAULTS[fault.kind].part(twin.plant, fault.target)
-
-    def begin(twin: Twin) -> None:
-        twin.plant.faults.add(replace(fault, start_ms=twin.plant.time_ms, end_ms=None))
-
-    return BranchAct(text, begin), lambda: BranchAct(f"end of {text}", lambda twin: twin.plant.faults.clear(fault.name))
-
-
-def _mend(twin: Twin, value: str, text: str) -> OutsideEntry:
-    kind, _, target = value.partition(":")
-    if kind not in FAULTS:
-        raise InputError(f"{text}: no such kind of fault; {suggestion(kind, FAULTS)}")
-    FAULTS[kind].part(twin.plant, target)
-    return BranchAct(text, lambda twin: twin.plant.faults.clear(value))
 
 
 def _button(twin: Twin, name: str, text: str, *, level: bool) -> tuple[OutsideEntry, End]:
@@ -135,9 +110,3 @@ def _terminal(twin: Twin, name: str, text: str, *, level: bool) -> tuple[int, bo
         last = device_name("X", twin.io_map.input_count - 1)
         raise InputError(f"{text}: the machine has no such terminal; choose one from X0 to {last}")
     return number, level
-
-
-def _level(text: str, value: str) -> bool:
-    if value.lower() not in _LEVELS:
-        raise InputError(f"{text}: the level of an input is on or off")
-    return _LEVELS[value.lower()]

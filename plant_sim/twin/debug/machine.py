@@ -20,6 +20,7 @@ from controller.events.kinds import as_sentence
 from controller.export.instruction_list import SCRATCH
 from controller.fx.language.instruction import Ladder
 from controller.fx.language.operand_rules import Key
+from plant_sim.machine.plant import Plant
 from plant_sim.twin.conditions import Quantity
 from plant_sim.twin.debug.changes import change_of
 from plant_sim.twin.debug.outside import ordered
@@ -87,6 +88,11 @@ class TwinMachine:
         return [("D", number) for number in SCRATCH]
 
     @property
+    def plant(self) -> Plant:
+        """The plant."""
+        return self.twin.plant
+
+    @property
     def memory(self) -> Memory:
         """Devices, which the controller changes in each scan."""
         return self.twin.plc.memory
@@ -120,12 +126,13 @@ class TwinMachine:
         return saved.controller, saved.states, events, retained, releases, dict(bridged), self.scan
 
     def restore(self, saved: Any, /) -> None:
-        """Restore a state returned by `save`; monitors are not called in what follows."""
+        """Restore a state returned by `save`; monitors and observers are not called in what follows."""
         controller, states, events, retained, releases, bridged, self.scan = saved
         self.twin.restore(TwinSnapshot(controller, states, events, retained, releases, _NO_WATCHERS))
         terminals = self.twin.plant.terminals
         terminals.bridged.clear()
         terminals.bridged.update(bridged)
+        self.twin.drop_observers()
 
     def run(self, to: int, until: Condition | None = None, /) -> bool:
         """Execute scans up to a number; return True at the first scan that meets a condition."""

@@ -14,6 +14,7 @@ from controller.core.devices import device_name
 from controller.core.expr import Bit, Word
 from controller.core.machine_code import MachineExecution
 from controller.core.memory_layout import WORD_BYTES, MemoryLayout
+from controller.io.forcing import Forcing
 from controller.io.runtime import Runtime
 from plant_sim.devices.operator_box import OperatorBox
 from plant_sim.faults import Fault, FaultSchedule
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from plant_sim.twin.debug.machine import TwinMachine
 
 _ORDERS: Final = Runtime.SAVED.index("_orders")
+_LEVELS: Final = Forcing.SAVED.index("_levels")
 _RUNTIME, _PLC, _FORCING, _PANEL = 0, 1, 2, 5
 """Positions of the parts in the saved state of a runtime."""
 
@@ -112,7 +114,7 @@ class OutsideAction:
     """Change of the state from outside before a scan.
 
     Attributes:
-        text: The change, in words.
+        text: The change, in words; empty if a client has only read.
         box: Levels of buttons.
         releases: Times of all releases, ms; None = unchanged.
         begun: Faults that have been added.
@@ -212,21 +214,36 @@ def action_between(before: OutsideState, after: OutsideState, execution: Machine
         *(["trays moved by hand"] if conveyor else []),
         *(["retained memory replaced"] if after.retained != before.retained else []),
         *([] if frequency is None else [f"planting_frequency={frequency:g}"]),
+        *_orders_in(before.orders, after.orders),
     ]
+    state, params = BytePatch.between(before.state, after.state), BytePatch.between(before.params, after.params)
     return OutsideAction(
-        ", ".join(words) or "a change of the plant or an order",
+        ", ".join(words) or ("" if state is None and params is None else "a change of the plant"),
         box=box,
         releases=after.releases if after.releases != before.releases else None,
         begun=begun,
         ended=ended,
         memory=memory,
-        state=BytePatch.between(before.state, after.state),
-        params=BytePatch.between(before.params, after.params),
+        state=state,
+        params=params,
         frequency_per_min=frequency,
         orders=after.orders if after.orders != before.orders else None,
         conveyor=conveyor,
         retained=() if after.retained == before.retained else (after.retained,),
     )
+
+
+def _orders_in(before: tuple[Any, ...], after: tuple[Any, ...]) -> Iterator[str]:
+    """Yield the devices that have been ordered, and a change of the forced inputs."""
+    waiting, forced, _ = before
+    orders, forces, _ = after
+    for order in orders[len(waiting) :] if orders[: len(waiting)] == waiting else orders:
+        yield from (f"{device}={value}" for device, value in order)
+    levels = forces[_LEVELS]
+    if levels != forced[_LEVELS]:
+        yield "forced " + (
+            " ".join(f"X{number:o}={int(level)}" for number, level in levels.items()) or "inputs released"
+        )
 
 
 def _devices_in(patch: BytePatch, memory: bytes, layout: MemoryLayout) -> Iterator[str]:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Final
 
-from controller.common.modbus.io_map import Point
-from controller.core.devices import device_name
+from controller.common.modbus.io_map import IoMap, Point
+from controller.core.devices import Memory, device_name
 from controller.debug.search import device_changes, following
 from controller.debug.timeline import RunTimeline
 from controller.debug.why.answer import CauseKind, WhyCause
-from controller.debug.why.machine_program import MachineProgram
+from controller.debug.why.chinese_names import terminal_name, terminal_names
+from controller.debug.why.machine_program import SAFEGUARDS, MachineProgram
+from controller.debug.why.program import ExplainedProgram
 from controller.debug.why.texts import level, sentence
+from controller.fx.language.instruction import Ladder
 from controller.fx.language.operand_rules import Key
-from controller.program.texts.operator import Text
+from controller.fx.observation.cross_reference import CrossReference
+from controller.fx.observation.why import Reasons
+from controller.program.texts.alarms.locations import LOCATIONS
+from controller.program.texts.operator import SIDES, Text
 from plant_sim.faults import FAULTS, Fault
+from plant_sim.machine.plant import Plant
 from plant_sim.machine.terminals import BUTTONS
 from plant_sim.scope.columns import bands_of, numbers_of
 from plant_sim.twin.lock_step import SCAN_MS, Twin
@@ -33,37 +40,51 @@ _OUTPUTS: Final = {
 """Output that moves a part to its switch."""
 _TRAYS: Final = ("conveyor", "magazine", "tray")
 """First words of the targets of faults that affect the trays."""
+_PARTS: Final = {
+    "lift": LOCATIONS["lift"].zh,
+    "slide": LOCATIONS["slide"].zh,
+    "spreader": LOCATIONS["spreader"].zh,
+    "cups": "苗杯",
+    "belt": LOCATIONS["conveyor"].zh,
+    "manifold": LOCATIONS["air_supply"].zh,
+}
+"""Chinese names of the parts by the last word of their name."""
 _INPUT_SCANS: Final = 3
 """Scans in which a press reaches its input."""
 _DELAY_MS: Final = 100
 """Longest time between a fault and the scan in which an input has changed because of it, ms: bounce, filter, scan."""
 
 
-class TwinProgram(MachineProgram):
-    """Program of a twin, with the state of the plant behind its inputs."""
+class PlantCauses(ExplainedProgram):
+    """Program with the state of the plant behind its inputs."""
 
-    def __init__(self, twin: Twin) -> None:
-        """Take a twin."""
-        self._twin = twin
-        super().__init__(twin.machine)
-        self._bands = {band.sensor: band for band in bands_of(numbers_of(twin.plant.params))}
+    def connect(self, plant: Plant, io_map: IoMap, memory: Callable[[], Memory]) -> None:
+        """Connect the program to a plant; called once.
+
+        Args:
+            plant: The plant.
+            io_map: Its I/O map.
+            memory: Function that returns the devices of the program that runs on it.
+        """
+        self._plant, self._io_map, self._memory = plant, io_map, memory
+        self._bands = {band.sensor: band for band in bands_of(numbers_of(plant.params))}
 
     def input_causes(self, key: Key, line: RunTimeline, scan: int, changed: int | None, /) -> list[WhyCause]:
-        """Return the physical causes of the level of an input; the twin is in the state after the scan."""
-        twin = self._twin
-        point = next((each for each in twin.io_map.inputs if each.number == key[1]), None)
+        """Return the physical causes of the level of an input; the plant is in the state after the scan."""
+        plant = self._plant
+        point = next((each for each in self._io_map.inputs if each.number == key[1]), None)
         if point is None:
             return []
-        logical = point.active(twin.plc.memory.X[key[1]])
+        logical = point.active(self._memory().X[key[1]])
         since = line.first if changed is None else changed
-        if key[1] in twin.plant.terminals.bridged:
+        if key[1] in plant.terminals.bridged:
             return []
         faults = [*self._faults(self._sensor_targets(point.tag), scan, changed)]
         detected = self._detected(point)
-        parts = Text(self._part(point.tag), self._part(point.tag))
+        parts = self._part(point.tag)
         if point.tag in BUTTONS:
-            parts = sentence("actuated" if detected else "not actuated", name=point.tag)
-        if faults and (detected is not logical or not any(each in twin.plant.faults.active for each in faults)):
+            parts = sentence("actuated" if detected else "not actuated", name=_point_name(point.tag))
+        if faults and (detected is not logical or not any(each in plant.faults.active for each in faults)):
             return [self._fault(device_name(*key), fault, parts, line) for fault in faults]
         if point.tag in BUTTONS:
             return [self._button(key, point.tag, line, changed, logical=logical)]
@@ -89,16 +110,16 @@ class TwinProgram(MachineProgram):
 
     def driver(self, key: Key, /) -> Key | None:
         """Return the output that moves a part to a position switch; None = none."""
-        tag = next((each.tag for each in self._twin.io_map.inputs if each.number == key[1]), "")
+        tag = next((each.tag for each in self._io_map.inputs if each.number == key[1]), "")
         side, _, switch = tag.partition(".")
         output = _OUTPUTS.get("slide_at_pick" if switch.startswith("slide_at_pick") else switch)
-        point = None if output is None else self._twin.io_map.get(f"{side}.{output}")
+        point = None if output is None else self._io_map.get(f"{side}.{output}")
         return None if point is None else ("Y", point.number)
 
     def suspects(self, line: RunTimeline, /) -> list[WhyCause]:
         """Return the faults that are active in the present state of the plant."""
         found = []
-        for fault in reversed(self._twin.plant.faults.active):
+        for fault in reversed(self._plant.faults.active):
             cause = self._fault("", fault, sentence("active"), line)
             found.append(replace(cause, kind=CauseKind.SUSPECT))
         return found
@@ -110,7 +131,7 @@ class TwinProgram(MachineProgram):
             f"from {start} to {end}" if end else f"since {start}", f"{start} 至 {end}" if end else f"自 {start} 起"
         )
         named = Text(f"fault {fault.name}", f"故障 {fault.name}")
-        scans = -(-(self._twin.plant.time_ms - fault.start_ms) // SCAN_MS)
+        scans = -(-(self._plant.time_ms - fault.start_ms) // SCAN_MS)
         begun = max(line.first + 1, line.scan - scans + 1)
         change = "" if FAULTS[fault.kind].permanent else f"mend={fault.name}@{begun}"
         text = sentence("fault", fault=named, span=span, plant=plant)
@@ -118,7 +139,7 @@ class TwinProgram(MachineProgram):
 
     def _faults(self, targets: Iterable[str], scan: int, changed: int | None) -> Iterator[Fault]:
         """Yield the faults of some parts that act at this scan, or acted when the input changed."""
-        plant = self._twin.plant
+        plant = self._plant
         changed_ms = plant.time_ms - (scan - (scan if changed is None else changed)) * SCAN_MS
         for fault in reversed(plant.faults.activated):
             first = fault.target.rpartition(".")[0] or fault.target
@@ -141,37 +162,92 @@ class TwinProgram(MachineProgram):
 
     def _detected(self, point: Point) -> bool | None:
         """Return the level that a sound switch would have; None = unknown."""
-        plant = self._twin.plant
+        plant = self._plant
         if point.tag in BUTTONS:
             return bool(getattr(plant.box, point.tag))
         sensor = plant.sensors.get(point.tag)
         return None if sensor is None else sensor.detected
 
-    def _part(self, tag: str) -> str:
+    def _part(self, tag: str) -> Text:
         """Return position and pressure of the part that an input detects."""
-        numbers = numbers_of(self._twin.plant.state)
-        signal = numbers.__getitem__
+        signal = numbers_of(self._plant.state).__getitem__
         band, side = self._bands.get(tag), tag.partition(".")[0]
         if band is not None:
-            words = f"{band.column.rpartition('.')[0]} {1000 * signal(band.column):.1f} mm"
-            words += f" (on: {1000 * band.low_m:.0f}..{1000 * band.high_m:.0f} mm)"
-            drive = band.column.split(".")[1]
-            if drive in ("lift", "slide"):
-                ends = [signal(f"{side}.{drive}.{end}.chamber.pressure_pa") / 1e5 for end in ("plus", "minus")]
-                words += f", {ends[0]:.1f}/{ends[1]:.1f} bar"
-            return words
+            name = band.column.rpartition(".")[0]
+            words: dict[str, Text | str | int] = {
+                "part": _part_name(name),
+                "at": f"{1000 * signal(band.column):.1f}",
+                "low": f"{1000 * band.low_m:.0f}",
+                "high": f"{1000 * band.high_m:.0f}",
+            }
+            if name.rpartition(".")[2] not in ("lift", "slide"):
+                return sentence("part", **words)
+            ends = {end: signal(f"{name}.{end}.chamber.pressure_pa") / 1e5 for end in ("plus", "minus")}
+            return sentence("part with air", **words, **{end: f"{bar:.1f}" for end, bar in ends.items()})
         if tag in ("tray_front_edge", "magazine_empty"):
-            return f"conveyor.belt {1000 * signal('conveyor.belt_m'):.0f} mm"
+            return _measured("conveyor.belt", f"{1000 * signal('conveyor.belt_m'):.0f} mm")
         if tag == "air_pressure_ok":
-            return f"air.network.manifold {signal('air.network.manifold.pressure_pa') / 1e5:.2f} bar"
+            return _measured("air.network.manifold", f"{signal('air.network.manifold.pressure_pa') / 1e5:.2f} bar")
         if tag.endswith("cup_pulse"):
-            return f"{side}.cups {1000 * signal(f'{side}.cups.speed_m_s'):.0f} mm/s"
-        return tag
+            return _measured(f"{side}.cups", f"{1000 * signal(f'{side}.cups.speed_m_s'):.0f} mm/s")
+        return _point_name(tag)
 
     def _flip(self, key: Key, line: RunTimeline) -> str:
         """Return the change with which the input has its other level from the present scan on."""
         start = max(line.first + 1, line.scan)
-        return f"{device_name(*key)}={'off' if self._twin.plc.memory.X[key[1]] else 'on'}@{start}.."
+        return f"{device_name(*key)}={'off' if self._memory().X[key[1]] else 'on'}@{start}.."
+
+
+class TwinProgram(PlantCauses, MachineProgram):
+    """Program of a twin."""
+
+    def __init__(self, twin: Twin) -> None:
+        """Take a twin."""
+        super().__init__(twin.machine)
+        self.connect(twin.plant, twin.io_map, lambda: twin.plc.memory)
+
+
+class PlantLadder(PlantCauses):
+    """FX program on the plant. Of its interlocks nothing is known but the terminals of the safeguards."""
+
+    def __init__(self, ladder: Ladder, plant: Plant, io_map: IoMap, memory: Callable[[], Memory]) -> None:
+        """Take a program and its plant; the other arguments are those of `connect`."""
+        super().__init__(CrossReference(ladder), Reasons(ladder))
+        self.connect(plant, io_map, memory)
+        chinese = terminal_names(io_map)
+        self._terminals: dict[Key, Text] = {}
+        for point in (*io_map.inputs, *io_map.outputs):
+            key = point.device, point.number
+            self._terminals[key] = Text(point.tag, chinese.get(key, point.tag))
+        points = (io_map.get(tag) for tag in SAFEGUARDS)
+        self._safeguards = {("X", point.number) for point in points if point is not None}
+
+    def tag(self, key: Key) -> Text:
+        """Return the comment of a device, or the name of a terminal without a comment."""
+        tag = super().tag(key)
+        return tag if tag.en else self._terminals.get(key, tag)
+
+    def is_safeguard(self, key: Key, _of: Key, /) -> bool:
+        """Return whether a device is the terminal of a safeguard."""
+        return key in self._safeguards
+
+
+def _measured(name: str, value: str) -> Text:
+    """Return a measured value of a part."""
+    part = _part_name(name)
+    return Text(f"{part.en} {value}", f"{part.zh} {value}")
+
+
+def _part_name(name: str) -> Text:
+    """Return the name of a part; in English that of its values in a recording."""
+    side, _, part = name.rpartition(".")
+    chinese = _PARTS[part]
+    return Text(name, f"{SIDES[side].zh}：{chinese}" if side in SIDES else chinese)
+
+
+def _point_name(tag: str) -> Text:
+    """Return the name of a terminal."""
+    return Text(tag, terminal_name(tag) or tag)
 
 
 def _when(line: RunTimeline, scan: int) -> dict[str, Text | str | int]:

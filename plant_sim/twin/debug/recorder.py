@@ -35,8 +35,12 @@ class TwinRecorder:
         twin.recorder = self
 
     def begin(self, until_ms: int) -> int:
-        """Record what has entered; return the time of the next stored state, if it is earlier, ms."""
+        """Record what has entered; return the time of the next stored state, if it is earlier, ms.
+
+        Writes of clients enter here, so that they are recorded for the scan that takes them.
+        """
         self._machine.owner = None
+        self.twin.runtime.writes.take()
         self._note(self._left)
         scan, now_ms = self._machine.scan, self.twin.now_ms
         self._begun_ms = now_ms
@@ -45,7 +49,10 @@ class TwinRecorder:
     def end(self) -> None:
         """Count the scans, and store the state if it is due."""
         machine = self._machine
-        machine.scan += (self.twin.now_ms - self._begun_ms) // SCAN_MS
+        scans = (self.twin.now_ms - self._begun_ms) // SCAN_MS
+        if scans:
+            self.twin.runtime.writes.settle()
+        machine.scan += scans
         self._begun_ms = self.twin.now_ms
         self._left, self._left_ms = outside_of(self.twin), self._times
         if machine.scan % self.timeline.interval == 0:

@@ -20,7 +20,11 @@ from controller.fx.stimulus.running import put_values
 from controller.fx.stimulus.stimulus import Values
 from plant_sim.devices.operator_box import OperatorBox
 from plant_sim.links.io_module import IoModule
+from plant_sim.machine.plant import Plant
+from plant_sim.machine.terminals import BUTTONS
 from plant_sim.scope.columns import Column, columns_of
+from plant_sim.twin.debug.physical import PlantLadder
+from plant_sim.twin.debug.plant_changes import button_changes, fault_begins, fault_ends
 from plant_sim.twin.ladder.scan_timing import TrialClock
 
 
@@ -30,7 +34,7 @@ class PlantRun:
     Attributes:
         plc: The PLC.
         module: I/O module of the plant.
-        now_ms: Time of the next scan, ms; after `prepare`, the plant has reached it.
+        now_ms: Time that the plant has reached: that of the last scan, and after `prepare` of the next one, ms.
         held: Levels by X number that are applied to terminals in place of those of the plant.
     """
 
@@ -60,14 +64,18 @@ class PlantRun:
         self.module.plant.restore(plant)
         self.module.restore(module)
 
+    @property
+    def next_ms(self) -> int:
+        """Time of the next scan, ms."""
+        return self.now_ms if self._is_due else self.now_ms + self._clock.next_ms(self.plc)
+
     def prepare(self) -> None:
         """Advance the plant to the next scan, if this has not been done yet."""
         if self._is_due:
             return
-        scan_ms = self._clock.next_ms(self.plc)
-        self._clock.advance(self.module, self.plc, self.now_ms, scan_ms)
-        self.now_ms += scan_ms
-        self._is_due = True
+        next_ms = self.next_ms
+        self._clock.advance(self.module, self.plc, self.now_ms, next_ms - self.now_ms)
+        self.now_ms, self._is_due = next_ms, True
 
     def scan(self) -> None:
         """Advance the plant, and run one scan."""
@@ -89,8 +97,23 @@ class LadderMachine(FxMachine):
 
     def __init__(self, running: PlantRun) -> None:
         """Take a run before its first scan."""
-        self.module = running.module
+        self._run, self.module = running, running.module
         super().__init__(running)
+
+    @property
+    def now_ms(self) -> int:
+        """Simulated time of the next scan, ms."""
+        return self._run.next_ms
+
+    @property
+    def plant(self) -> Plant:
+        """The plant."""
+        return self.module.plant
+
+    @cached_property
+    def explained(self) -> PlantLadder:
+        """Program with its plant, for questions."""
+        return PlantLadder(self.ladder, self.plant, self.module.io_map, lambda: self.memory)
 
     @cached_property
     def _columns(self) -> dict[str, Column]:
@@ -112,7 +135,13 @@ class LadderMachine(FxMachine):
         return DebugSignal(name, read, unit=column.unit)
 
     def change(self, name: str, value: str, /) -> tuple[OutsideEntry, Callable[[], OutsideEntry] | None]:
-        """Return the entry that begins a change of a device, and a function that returns the entry that ends it."""
+        """Return the entry that begins a change, and a function that returns the entry that ends it."""
+        if name == "fault":
+            return fault_begins(self.plant, value)
+        if name == "mend":
+            return fault_ends(self.plant, value), None
+        if name in BUTTONS and name in self.module.io_map:
+            return button_changes(self.plant, name, value)
         if name in self._columns:
             raise InputError(f"{name}={value}: a value of the plant cannot be set; change a terminal or a device")
         return super().change(name, value)

@@ -15,7 +15,7 @@ from typing import Final
 from controller.common.real_time import DEFAULT_PRIORITY
 from controller.program.states import State
 from plant_sim.twin.process import Process
-from scripts.benchmark.live.hmi import running_controller
+from scripts.benchmark.live.hmi import LOAD, running_machine
 from scripts.benchmark.live.hmi_load import connect
 from scripts.benchmark.live.punctuality import Punctuality, read_counts
 
@@ -24,7 +24,6 @@ BUSY_PER_PROCESSOR: Final = 8
 CLIENTS: Final = 4
 FOR_S: Final = 60
 """Duration of a run, s."""
-_LOAD: Final = "scripts.benchmark.live.hmi_load"
 _SPARE_S: Final = 60
 """Time by which the load outlasts the measurement, s: starting and homing on a busy computer."""
 
@@ -53,13 +52,14 @@ def _run(for_s: int, options: Sequence[str], *, clients: bool) -> dict[str, floa
     """Return the figures of one run; the time of the loss is missing if the machine did not abort."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
-        _, controller, port = stack.enter_context(running_controller(folder, at_work=True, real_time=options))
+        machine = stack.enter_context(running_machine(folder, at_work=True, real_time=options))
+        controller, port = machine.controller, machine.hmi_port
         if clients:
             stack.enter_context(
-                Process("clients", [_LOAD, "clients", str(port), str(CLIENTS), str(for_s + _SPARE_S)])
+                Process("clients", [LOAD, "clients", str(port), str(CLIENTS), str(for_s + _SPARE_S)])
             ).next_line(_SPARE_S)
         for _ in range(BUSY_PER_PROCESSOR * (os.cpu_count() or 1)):
-            stack.enter_context(Process("busy", [_LOAD, "busy", str(for_s + _SPARE_S)])).next_line(_SPARE_S)
+            stack.enter_context(Process("busy", [LOAD, "busy", str(for_s + _SPARE_S)])).next_line(_SPARE_S)
         before, before_missed = _read(port)
         lost_s = _aborted_after_s(controller.lines, for_s)
         counts, missed = _read(port)

@@ -150,4 +150,35 @@ _BUSY_HOST: Final = BenchmarkPart(
     by_default=False,
 )
 
-LIVE_PARTS: Final = (_LATENESS, _LADDER_PAGE, _MODBUS, _MALFORMED, *_REACTIONS, _BUSY_HOST)
+
+def _grown(key: str) -> dict[str, BenchmarkFigure]:
+    return {
+        f"{key}_memory": BenchmarkFigure(f"{key}, memory at the end", "MB"),
+        f"{key}_slope": BenchmarkFigure(f"{key}, growth", "MB/h", at_most=1),
+        f"{key}_slope_lowest": BenchmarkFigure(f"{key}, growth, lower limit of the 95 % interval", "MB/h"),
+        f"{key}_slope_highest": BenchmarkFigure(f"{key}, growth, upper limit of the 95 % interval", "MB/h"),
+        f"{key}_files": BenchmarkFigure(f"{key}, more open files", at_most=0),
+    }
+
+
+_GROWTH: Final = BenchmarkPart(
+    name="growth",
+    title="Growth of memory",
+    explanation="Plant, controller and panel as processes in real time with a machine at work, beside four Modbus "
+    "clients that each read 64 coils and 64 registers 50 times a second, a browser with the live view, and one that "
+    "opens all pages of data every 5 s. Memory is what a process has written itself (heap and stacks), sampled once a "
+    "second. After 20 minutes, in which the panel fills its buffer of samples, *growth* is the slope of a straight "
+    "line through the lowest values of the next 30 minutes, with an interval for correlated errors. *More open files* "
+    "compares the medians of the last and the first third.",
+    repetitions=1,
+    measure=lazily("scripts.benchmark.live.growth:measure_growth"),
+    figures={
+        **_grown("plant"),
+        **_grown("controller"),
+        **_grown("panel"),
+        "at_work": BenchmarkFigure("machine at work", "% of the time"),
+    },
+    by_default=False,
+)
+
+LIVE_PARTS: Final = (_LATENESS, _LADDER_PAGE, _MODBUS, _MALFORMED, *_REACTIONS, _GROWTH, _BUSY_HOST)

@@ -14,7 +14,7 @@ from typing import Final
 from urllib.parse import urlsplit
 
 from plant_sim.twin.process import LiveError, Process
-from scripts.benchmark.live.hmi import START_LIMIT_S, bare_loop, line_of, running_controller, waited
+from scripts.benchmark.live.hmi import START_LIMIT_S, bare_loop, line_of, running_machine, waited
 from scripts.benchmark.live.hmi_load import connect
 from scripts.benchmark.live.punctuality import Punctuality, Second, measured_seconds, total
 
@@ -41,7 +41,7 @@ def measure_ladder_page(_seed: int, *, rounds: int = ROUNDS, round_s: int = ROUN
     looks = 0
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
-        _, _, port = stack.enter_context(running_controller(folder, at_work=True))
+        port = stack.enter_context(running_machine(folder, at_work=True)).hmi_port
         command = ["controller", "ladder", "page", "--machine", "--connect", f"127.0.0.1:{port}", "--port", "0"]
         page = stack.enter_context(Process("ladder page", command))
         url = line_of(page, START_LIMIT_S).removeprefix("ladder page at ")

@@ -111,6 +111,13 @@ def test_check_prints_the_estimated_scan_time_of_a_cpu(program: Path, capsys: py
     assert estimate.startswith("estimated scan time of an FX2N: 0.5 ms with no step active")
 
 
+def test_check_tells_what_was_assumed_about_the_file(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    program.write_bytes(f"; 启动按钮\n{SEAL_IN}".encode("gbk"))
+    assert controller(["ladder", "check", str(program)]) == 0
+    first, *_ = capsys.readouterr().out.splitlines()
+    assert first == f"{program}:1: note: read as GBK; if a text is wrong, save it as UTF-8"
+
+
 def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
     program.write_text(SEAL_IN.replace("END", "LD X2\nOUT Y0\nEND"), encoding="utf-8")
     assert controller(["ladder", "check", str(program)]) == 0

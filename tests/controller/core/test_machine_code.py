@@ -18,7 +18,7 @@ from controller.core.program import Block, Program
 from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Rung, Set
 from controller.core.scan import Plc
 from controller.core.sequence import Sequence, Step, To
-from tests.controller.common.trust_rig import private_folders
+from tests.controller.common.files.trust_rig import private_folders
 from tests.controller.core.core_rig import d, levels, m, program_of, s, x, y
 from tests.controller.export.fx_equality import STEPS, Differs, Pair, stories
 from tests.controller.program.interlock_scene import MACHINE

@@ -89,11 +89,12 @@ def test_a_stop_is_a_safeguard_of_every_device_that_reads_it(tag: str) -> None:
     assert all(whole.is_safeguard(key, of) for of in (("M", 32), ("Y", 2), ("S", 900), key))
 
 
-def test_terminals_steps_commands_and_set_points_have_their_chinese_names() -> None:
+def test_terminals_steps_timers_commands_and_set_points_have_their_chinese_names() -> None:
     whole = outputs()[3]
     points = (*MACHINE.io_map.inputs, *MACHINE.io_map.outputs)
     named = [(point.device, point.number) for point in points]
     named += [(bit.kind, bit.number) for steps in MACHINE.program.sequences() for bit, _ in steps]
+    named += [(device.kind, device.number) for device in MACHINE.program.devices() if device.kind == "T"]
     named += [(command.bit.kind, command.bit.number) for command in TAGS.commands if "jog" not in command.name]
     named += [(word.kind, word.number) for word in TAGS.sp.constants]
     for key in named:
@@ -104,4 +105,5 @@ def test_terminals_steps_commands_and_set_points_have_their_chinese_names() -> N
     lift, stop = MACHINE.io_map["left.lift_up"].number, MACHINE.io_map["emergency_stop"].number
     assert whole.name(("X", lift)) == ("X2 left.lift_up", "X2 左：升降在上限位")
     assert whole.name(("X", stop)).zh == "X25 急停按下（常闭）"
+    assert whole.name(("T", 5)).zh == "T5 左：限时：分散"
     assert whole.name(("S", 25)).zh == "S25 左臂循环：提苗"

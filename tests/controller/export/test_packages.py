@@ -168,6 +168,21 @@ def test_the_address_table_lists_every_address() -> None:
     assert rows[0].keys() == {"variable", "address", "type", "retained", "meaning"}
 
 
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_meaning_that_a_comment_cannot_contain_is_told(
+    target: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    export = ["ladder", "export", "--target", target, "--out", str(tmp_path / "out")]
+    assert controller(export) == 0
+    assert "ASCII" not in capsys.readouterr().out
+    delivered = DEFAULT_IO_MAP.read_text(encoding="utf-8")
+    path = tmp_path / "io_map.yaml"
+    path.write_text(delivered.replace('"start button pressed"', '"启动按钮"'), encoding="utf-8")
+    assert controller([*export, "--io-map", str(path)]) == 0
+    *_, told = capsys.readouterr().out.splitlines()
+    assert told == "comments of start: characters beyond ASCII are written as ?; the I/O map has them"
+
+
 @pytest.mark.parametrize("target", ["openplc", "plain"])
 def test_a_package_has_a_configuration_with_a_cyclic_task(target: str) -> None:
     text = package(target)["transplanter.st"]

@@ -108,6 +108,14 @@ def test_32_bit_counter_has_two_words_low_word_first(
     assert struct.unpack("<i", struct.pack("<HH", low, high)) == (value,)
 
 
+@pytest.mark.parametrize(
+    ("address", "count"), [(0xA408, 1), (0xA409, 1), (0xA409, 2), (0xA407, 2), (0xA3F0, 25), (0xA477, 1), (0xA408, 3)]
+)
+def test_half_of_a_32_bit_counter_is_not_read(client: Client, address: int, count: int) -> None:
+    """Its other half, read with another request, could be that of another scan."""
+    assert client.ask(read_pdu(3, address, count)) == bytes([0x83, 2])
+
+
 def test_d7999_and_d8000_are_adjacent(rig: HmiRig, client: Client, memory: Memory) -> None:
     memory.D[7998:8002] = [1, 2, 3, 4]
     show(rig)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import gc
 import os
 import select
 import struct
@@ -13,6 +15,7 @@ import pytest
 from pymodbus.framer import FramerRTU
 
 from controller.common.modbus.rtu import SerialError, SerialLine, request_length
+from controller.common.serial_server import close_port, open_port
 from controller.hmi.modbus.endpoint import HmiOptions
 from controller.hmi.serving.endpoints import ServerError
 from tests.controller.common.modbus_rig import PATIENT_S, Client, exception, read_pdu
@@ -238,3 +241,24 @@ def test_the_length_of_a_request_follows_from_its_first_bytes(received: bytes, l
 def test_tcp_and_serial_clients_are_served_in_parallel(rig: HmiRig, master: Master) -> None:
     client: Client = rig.client()
     assert client.ask(READ_D0)[2:] == master.ask(READ_D0, 4)[2:]
+
+
+def test_a_line_whose_closing_fails_leaves_no_descriptor_open(master: Master, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither now nor when the line is collected is a descriptor closed that has another file meanwhile."""
+    before = {*os.listdir("/proc/self/fd")}
+    port = open_port(master.path, 115_200, parity="N", stop_bits=1)
+    close = os.close
+
+    def fail(number: int) -> None:
+        close(number)
+        monkeypatch.undo()
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "close", fail)
+    close_port(port)
+    assert not port.is_open
+    assert {*os.listdir("/proc/self/fd")} == before
+    with open(os.devnull) as other:
+        del port
+        gc.collect()
+        other.read()

@@ -460,7 +460,8 @@ def test_the_fault_with_the_lowest_line_number_is_reported(tmp_path: Path) -> No
         ("inputs: []\n# \0\n", "2: file: is not YAML (character U+0000); delete the character"),
         ("[" * 5000, "1: file: is not YAML (brackets are nested too deeply); reduce the nesting"),
         (b"inputs: []\n# caf\xe9\n", "2: file: is not UTF-8 text; save it as UTF-8"),
-        (TEXT.encode("utf-16"), "1: file: is not UTF-8 text; save it as UTF-8"),
+        (TEXT.encode("utf-16"), "1: file: is UTF-16 text; save it as UTF-8"),
+        ("inputs: []\n# 启动按钮\n".encode("gbk"), "2: file: is GBK text; save it as UTF-8"),
     ],
 )
 def test_a_malformed_file_is_rejected(tmp_path: Path, content: str | bytes, message: str) -> None:

@@ -16,7 +16,7 @@ from numba.core.dispatcher import Dispatcher
 import plant_sim
 from plant_sim.common import compiled
 from plant_sim.common.compiled import CACHE_SOURCES, cache_folder, cache_sources
-from tests.controller.common.trust_rig import private_folders
+from tests.controller.common.files.trust_rig import private_folders
 
 PACKAGE = Path(plant_sim.__file__).parent
 WITHOUT_HOME = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")

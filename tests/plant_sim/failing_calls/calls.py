@@ -1,18 +1,22 @@
 """Calls of the operating system and of SQLite, recorded by kind; one of them can be made to fail.
 
-The lowest function that Python code reaches is replaced: methods of sockets, `open`, `os.fsync`, `os.replace`, and the
-connections of `sqlite3`. Files are watched in one folder, sockets if they belong to the network. `os.mkdir` is not
-watched: `pathlib` ignores its error if the folder exists.
+The lowest function that Python code reaches is replaced: methods of sockets, with and without TLS, `open`, `os.fsync`,
+`os.replace`, the functions of serial lines, and the connections of `sqlite3`. Files are watched in one folder, sockets
+if they belong to the network, serial lines if they are named. `os.mkdir` is not watched: `pathlib` ignores its error if
+the folder exists.
 """
 
 from __future__ import annotations
 
 import builtins
 import errno
+import fcntl
 import io
 import os
 import socket
 import sqlite3
+import ssl
+import termios
 import threading
 from collections import defaultdict
 from collections.abc import Callable
@@ -24,12 +28,19 @@ from weakref import WeakKeyDictionary
 import pytest
 
 _UNNAMED: Final = getattr(os, "O_TMPFILE", 0)
+_DELETED: Final = " (deleted)"
+"""End of the path of a descriptor whose file has no name any more: an unplugged line, or a temporary file."""
 PARTIAL: Final = "partial"
 """Fault of a call that transmits one byte instead of all."""
 
 _SEND: Final = ("send",)
 _RECEIVE: Final = ("recv", "recv_into")
 _NETWORK: Final = ("accept", "connect", "connect_ex", "close", *_SEND, *_RECEIVE)
+TLS: Final = "TLS client"
+_TLS: Final = ("do_handshake", "send", "recv")
+_FILE: Final = ("fsync", "replace", "open", "read", "write", "close")
+_LINE: Final = {fcntl: ("ioctl",), termios: ("tcgetattr", "tcsetattr", "tcflush")}
+"""Functions that set a serial line up, by module."""
 _NOT_RETRIED: Final = frozenset({"connect", "connect_ex", "close", "replace"})
 """Calls that Python does not repeat itself after EINTR (PEP 475)."""
 _SQLITE: Final = {
@@ -48,21 +59,26 @@ class Kind:
         party: Thread, connection or file that the call belongs to.
         call: Name of the function, or statement of SQLite.
         is_sql: True for a statement.
+        is_line: True for a call of a serial line.
     """
 
     party: str
     call: str
     is_sql: bool = False
+    is_line: bool = False
 
     @property
     def is_network(self) -> bool:
         """True for a call of a socket."""
-        return self.call in _NETWORK and not self.party.startswith("var")
+        return self.call in (*_NETWORK, *_TLS) and not self.is_line and not self.party.startswith("var")
 
     def faults(self) -> tuple[str, ...]:
         """Return the faults of this kind: names of `errno`, or `PARTIAL`."""
         if self.is_sql:
             return ("ENOSPC", "EIO")
+        if self.is_line:
+            partial = (PARTIAL,) if self.call in ("read", "write") else ()
+            return ("EIO", *partial, *(("EINTR",) if self.call in (*partial, "close") else ()))
         partial = (PARTIAL,) if self.call in (*_SEND, *_RECEIVE) else ()
         full = ("ENOSPC",) if self.call in ("open", "write", "flush", "fsync", "replace") else ()
         resources = ("EMFILE",) if self.call in ("accept", "open") else ()
@@ -94,6 +110,8 @@ class Fault:
             error.sqlite_errorcode = code
             return error
         number = getattr(errno, self.name)
+        if self.kind.is_line and self.kind.call in _LINE[termios]:
+            return termios.error(number, os.strerror(number))
         return OSError(number, os.strerror(number))
 
 
@@ -105,6 +123,7 @@ class Calls:
         folder: Folder whose files are watched.
         fault: Fault to inject; None = none.
         ports: Names of the parties that connect to a port.
+        lines: Names of the serial lines by the path of their device.
         at: Scan in which the run is.
         places: Places of the calls by kind, in order.
         has_struck: True if the fault has been injected.
@@ -113,6 +132,7 @@ class Calls:
     folder: Path
     fault: Fault | None = None
     ports: dict[int, str] = field(default_factory=dict)
+    lines: dict[str, str] = field(default_factory=dict)
     at: int = 0
     places: dict[Kind, list[Place]] = field(default_factory=lambda: defaultdict(list))
     has_struck: bool = False
@@ -147,8 +167,13 @@ class Calls:
         opened = self._opened(io.open)
         monkeypatch.setattr(io, "open", opened)
         monkeypatch.setattr(builtins, "open", opened)
-        for name in ("fsync", "replace", "open", "read", "write"):
+        for name in _TLS:
+            monkeypatch.setattr(ssl.SSLSocket, name, self._secured(name, getattr(ssl.SSLSocket, name)))
+        for name in _FILE:
             monkeypatch.setattr(os, name, self._of_path(name, getattr(os, name)))
+        for module, names in _LINE.items():
+            for name in names:
+                monkeypatch.setattr(module, name, self._of_path(name, getattr(module, name)))
         monkeypatch.setattr(sqlite3, "connect", self._connected(sqlite3.connect))
 
     def _network(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
@@ -172,6 +197,16 @@ class Calls:
 
         return watched
 
+    def _secured(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def watched(of: ssl.SSLSocket, *arguments: Any) -> Any:
+            if of.server_side or not (fault := self.fails(Kind(TLS, name))):
+                return call(of, *arguments)
+            if fault.name == PARTIAL:
+                return _partial(of, name, call, arguments)
+            raise fault.error()
+
+        return watched
+
     def _opened(self, open_: Callable[..., Any]) -> Callable[..., Any]:
         def watched(file: Any, mode: str = "r", *arguments: Any, **options: Any) -> Any:
             if not (name := self._name(file)):
@@ -184,8 +219,15 @@ class Calls:
     def _of_path(self, call: str, function: Callable[..., Any]) -> Callable[..., Any]:
         def watched(path: Any, *arguments: Any, **options: Any) -> Any:
             name = self._name(path)
-            if name and not (call == "open" and _is_unnamed(arguments[0])):
-                self.check(Kind(name, call))
+            is_line = name in self.lines.values()
+            if not name or (call == "open" and _is_unnamed(arguments[0])):
+                return function(path, *arguments, **options)
+            if fault := self.fails(Kind(name, call, is_line=is_line)):
+                if fault.name == PARTIAL:
+                    return function(path, arguments[0][:1] if call == "write" else 1)
+                if call == "close":
+                    function(path)  # the descriptor is released although an error is reported
+                raise fault.error()
             return function(path, *arguments, **options)
 
         return watched
@@ -229,14 +271,18 @@ class Calls:
         return watched
 
     def _name(self, file: Any) -> str:
-        """Return the name of a file of the folder; an empty string for any other file."""
+        """Return the name of a file of the folder, or of a serial line; an empty string for any other file."""
         if isinstance(file, int):
             try:
                 file = os.readlink(f"/proc/self/fd/{file}")
             except OSError:
                 return ""
         path = os.fspath(file)
-        if not isinstance(path, str) or not path.startswith(str(self.folder)):
+        if not isinstance(path, str):
+            return ""
+        if self.lines and (name := self.lines.get(os.path.realpath(path).removesuffix(_DELETED))):
+            return name
+        if not path.startswith(str(self.folder)) or path.endswith(_DELETED):
             return ""
         return os.path.relpath(path, self.folder.parent)
 

@@ -18,6 +18,7 @@ RESTING: Final = (State.ABORTED, State.ABORTING, State.STOPPED, State.HELD)
 """States in which the machine waits for a person, with safe outputs."""
 EXITS: Final = frozenset({0, 1, USAGE_ERROR, UNWRITTEN})
 """Stated exit codes; all but 0 come with a line."""
+CAPTURE_ENDS: Final = "ends here"
 MEMORY_LOST: Final = "retentive memory is lost"
 
 
@@ -77,6 +78,11 @@ def _lost(outcome: Outcome) -> Iterable[str]:
         yield f"{missing.total()} stored records are missing: {next(iter(missing))}"
     if twice := [row for row, count in rows.items() if count > max(1, stored[row])]:
         yield f"{len(twice)} records occur twice"
+    ends_early = not all(capture is not None and capture.is_closed for capture in outcome.captures)
+    if ends_early and not any(CAPTURE_ENDS in line for line in told.lines):
+        yield "a capture ends early, and nobody is told"
+    if told.counts.get("capture") and not ends_early:
+        yield "lines are missing in a capture that looks complete"
     if outcome.periods != outcome.periods_stored:
         yield f"the periods of the trends are {outcome.periods}, not {outcome.periods_stored}"
     lost = outcome.submitted - len(outcome.rows)

@@ -98,6 +98,8 @@ def test_the_run_reaches_all_calls_and_ends_at_work() -> None:
     assert outcome.saved == [outcome.retained]
     assert outcome.submitted == len(outcome.stored) == len(outcome.rows) > 30
     assert outcome.events_submitted == len(outcome.told.events) > 5
+    assert [capture and capture.is_closed for capture in outcome.captures] == [True, True]
+    assert sum(len(capture.entries) for capture in outcome.captures if capture) > 100
     assert outcome.periods == outcome.periods_stored
     assert outcome.periods.total() > 10
 

@@ -1,4 +1,4 @@
-"""Run of 30 s of a running controller with plant, retentive memory, history, events, trends and Modbus clients.
+"""Run of 30 s of a running controller with plant, retentive memory, history, capture, events, trends and clients.
 
 The controller is the delivered command ``run`` in simulated time; the plant is its Modbus server in lock step. Both run
 in this process, so that any of their calls can fail.
@@ -23,6 +23,7 @@ from typing import Any, Final
 import pytest
 
 from controller.cli.main import main
+from controller.common.capture import Capture, read_capture
 from controller.common.stop_request import StopRequest
 from controller.common.supervision import failures
 from controller.core.retentive_store import FileStore
@@ -106,6 +107,7 @@ class Outcome:
         submitted: Number of rows submitted to the history.
         rows: Rows of the history after a restart.
         events_submitted: Number of events.
+        captures: Captures of the runs, None for an empty file; a run that could not create its file has none.
         periods_stored: Periods of the trends that their file reported as stored.
         periods: Periods in the file after a restart.
         final: PackML state at the end.
@@ -126,6 +128,7 @@ class Outcome:
     submitted: int = 0
     rows: list[tuple[Any, ...]] = field(default_factory=list)
     events_submitted: int = 0
+    captures: list[Capture | None] = field(default_factory=list)
     periods_stored: Counter[int] = field(default_factory=Counter)
     periods: Counter[int] = field(default_factory=Counter)
     final: State | None = None
@@ -146,6 +149,7 @@ class WholeRun:
         self._writer: ThreadedRetentiveWriter | None = None
         self.outcome = Outcome(Calls(folder, fault))
         self._events = folder.parent / "events.txt"
+        self._captures = [folder / f"capture-{number}" for number in range(2)]
         self._runtime: Runtime | None = None
         self._values = {0}
         self._aborted = 0
@@ -178,8 +182,9 @@ class WholeRun:
             options += (
                 f" --pace 65535 --timeout-ms 1000 --hmi-port {hmi_port} --constants {constants} --scan-ms {SCAN_MS}"
             )
-            for scans in (FIRST_RUN, SCANS):
-                self._control([*options.split(), *retained(self.folder / "retentive.json")], scans)
+            for capture, scans in zip(self._captures, (FIRST_RUN, SCANS), strict=True):
+                files = ["--capture", str(capture), *retained(self.folder / "retentive.json")]
+                self._control([*options.split(), *files], scans)
             outcome.outputs_on = server.call(self._outputs_on)
         sys.setswitchinterval(interval)
         outcome.told.lines += [line for line in lines.getvalue().splitlines() if line]
@@ -206,6 +211,9 @@ class WholeRun:
                 outcome.exit_codes.append(main(["run", *options], self._stop))
             except Exception as error:  # noqa: BLE001 - judged
                 outcome.trouble.append(repr(error))
+        if not (self.folder / "history.sqlite").exists():  # a refused start removes the files that it has created
+            outcome.stored.clear()
+            outcome.submitted = 0
         outcome.ends.append(outcome.calls.at)
         outcome.calls.at += 1
 
@@ -366,6 +374,9 @@ class WholeRun:
             outcome.told.lines.append("the last run did not end in order")
         outcome.periods = periods_of(self.folder / "trends.sqlite")
         outcome.rows = rows_of(self.folder / "history.sqlite")
+        outcome.captures = [
+            read_capture(path) if path.stat().st_size else None for path in self._captures if path.exists()
+        ]
         outcome.told.events = self._events.read_text(encoding="utf-8").splitlines()
 
 

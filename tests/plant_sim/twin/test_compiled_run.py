@@ -5,9 +5,11 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 
 import pytest
 
+from controller.common.modbus.io_map import IoMap
 from controller.core import input_filter
 from controller.program.states import State
 from plant_sim.fault_matrix.cases import Subject, subjects
@@ -18,6 +20,7 @@ from plant_sim.twin.kernel import ADJUSTABLE, FIXED_FILTER_MS
 from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
 from plant_sim.twin.monitors import UnsafeError, collect_violations
 from tests.sampling import first_of
+from tests.wiring import DELIVERED, YIELD, wired
 
 STORIES = 1_000
 COUNTED_STORIES = 200
@@ -25,7 +28,9 @@ BATCH = 5
 LONG = 8
 """One story in eight is long and monitored."""
 MACHINE = load_machine()
+WITH_YIELD = wired(*YIELD)
 CASES: list[Subject] = subjects(Twin(trays=1).plant)
+YIELD_CASES: list[Subject] = subjects(Twin(trays=1, io_map=WITH_YIELD).plant)
 COMMANDS = ("hold", "unhold", "complete", "abort", "left_loaded_no", "right_loaded_yes", "tray_none", "tray_full")
 PARAMETERS = {
     "supply.pressure_pa": (0.40e6, 0.60e6),
@@ -82,19 +87,21 @@ def machine_of(draws: random.Random) -> Machine:
 
 
 def twin_of(seed: int, *, step_by_step: bool) -> Twin:
-    """Return a twin with random parameters and up to two random faults."""
+    """Return a twin with random parameters and up to two random faults; one in three has the yield inputs."""
     draws = random.Random(f"machine {seed}")
     machine = machine_of(draws)
+    io_map, cases = (DELIVERED, CASES) if seed % 3 else (WITH_YIELD, YIELD_CASES)
     faults = [
         fault
-        for case in draws.choices(CASES, k=draws.choice([0, 1, 1, 2]))
+        for case in draws.choices(cases, k=draws.choice([0, 1, 1, 2]))
         for fault in case.faults(1, seed=seed, from_ms=10, to_ms=25_000)
     ]
     trays = draws.choice([1, 2])
+    create = partial(Twin, seed=seed, trays=trays, parameters=machine, io_map=io_map, step_by_step=step_by_step)
     try:
-        twin = Twin(seed=seed, trays=trays, parameters=machine, faults=faults, step_by_step=step_by_step)
+        twin = create(faults=faults)
     except FaultError:  # two faults of the same value
-        twin = Twin(seed=seed, trays=trays, parameters=machine, faults=faults[:1], step_by_step=step_by_step)
+        twin = create(faults=faults[:1])
     if draws.random() < 0.3:
         twin.plant.seedlings.make_typical()
     return twin
@@ -169,9 +176,10 @@ def test_the_stories_contain_losses_incidents_alarms_violations_and_faults() -> 
     assert counts["thrown"] >= 50
 
 
-def test_a_run_without_change_needs_few_calls_of_python(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("io_map", [DELIVERED, WITH_YIELD], ids=["delivered", "yield inputs"])
+def test_a_run_without_change_needs_few_calls_of_python(io_map: IoMap, monkeypatch: pytest.MonkeyPatch) -> None:
     """A tray is transplanted in machine code: less than one tick in ten is interrupted."""
-    twin = Twin(trays=1, set_points={"trays_target": 1})
+    twin = Twin(trays=1, io_map=io_map, set_points={"trays_target": 1})
     twin.home()
     twin.start()
     scans: list[int] = []
@@ -193,6 +201,21 @@ def test_a_run_without_change_needs_few_calls_of_python(monkeypatch: pytest.Monk
     assert twin.plc.scans - before > 4_000
     assert not scans
     assert 50 < len(looks) < 0.1 * (twin.plc.scans - before)
+
+
+def test_the_yield_inputs_of_a_run_see_the_plugs_that_landed_in_the_step_before() -> None:
+    def landed(*, step_by_step: bool) -> dict[str, object]:
+        twin = Twin(trays=1, io_map=WITH_YIELD, step_by_step=step_by_step)
+        twin.home()
+        twin.start()
+        row = twin.plant.left.row
+        twin.run_until(lambda: row.falling, within_ms=40_000)
+        while row.falling:
+            twin.scan()
+        twin.run_for(SCAN_MS)
+        return image(twin)
+
+    assert landed(step_by_step=True) == landed(step_by_step=False)
 
 
 @pytest.mark.parametrize("act", ["emergency stop", "button", "fault", "command"])

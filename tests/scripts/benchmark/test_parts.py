@@ -26,7 +26,7 @@ def test_names_are_unique_and_parts_have_figures() -> None:
 def test_parts_are_chosen_by_name() -> None:
     assert [each.name for each in chosen_parts(["rows", "scan", "rows"])] == ["scan", "rows"]
     by_default = chosen_parts([])
-    assert {each.name for each in PARTS} - {each.name for each in by_default} == {"busy-host", "ladder-page"}
+    assert {each.name for each in PARTS} - {each.name for each in by_default} == {"busy-host", "growth", "ladder-page"}
     with pytest.raises(InputError, match=r"^row: unknown part; use one of scan, plant, .*, busy-host$"):
         chosen_parts(["scan", "row"])
 

@@ -1,6 +1,7 @@
 """Integer arithmetic: ADD SUB MUL DIV INC DEC NEG, WAND WOR WXOR (FNC 20-29), SUM MEAN SQR (FNC 43, 45, 48).
 
-Details are from memory unless a docstring states otherwise.
+Details are from memory unless a docstring or docs/sources/fx2n.md 1.2 states otherwise; no page of a manual was found
+for INC, DEC and MEAN.
 """
 
 from __future__ import annotations
@@ -20,9 +21,10 @@ _Binary = Callable[[int, int], int]
 def _flagged(operation: _Binary) -> ActionFactory:
     """ADD and SUB: d := s1 operation s2, with the flags M8020 (zero), M8021 (borrow) and M8022 (carry).
 
-    A result out of range wraps around in two's complement (from memory; according to a widely copied diagram of the
-    flags, the highest number is followed by 0 instead). An overflow sets the carry flag, and an underflow sets the
-    borrow flag.
+    An overflow sets the carry flag, and an underflow sets the borrow flag (verified, docs/sources/fx2n.md 1.2). A
+    result out of range wraps around in two's complement. Page 5-25 of the FX programming manual contradicts this: the
+    number stored has the sign of the limit exceeded. It does not give the number; according to a widely copied diagram
+    of the flags, the highest number is followed by 0.
     """
 
     def make(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
@@ -52,7 +54,7 @@ def _bitwise(operation: _Binary) -> ActionFactory:
 
 
 def _in_place(operation: Callable[[int], int]) -> ActionFactory:
-    """INC, DEC and NEG: d := operation(d), with wrap-around and without flags."""
+    """INC, DEC and NEG: d := operation(d), with wrap-around and without flags; NEG is verified (fx2n.md 1.2)."""
 
     def make(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
         get, put = reader(cpu, operands[0], wide), writer(cpu, operands[0], wide)
@@ -64,7 +66,8 @@ def _in_place(operation: Callable[[int], int]) -> ActionFactory:
 def mul(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
     """MUL s1 s2 d: 16 x 16 bits into d, d+1 (docs/sources/fx2n.md 1.2); 32 x 32 bits into d to d+3.
 
-    A bit group receives at most the low 32 bits (from memory). No flags change.
+    A bit group receives the low bits that it has places for, at most 32 (verified, docs/sources/fx2n.md 1.2). No flags
+    change (from memory).
     """
     left, right = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
     target = operands[2]
@@ -83,8 +86,8 @@ def mul(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 def div(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
     """DIV s1 s2 d: quotient into d, remainder with the sign of s1 into the next word (docs/sources/fx2n.md 1.2).
 
-    The quotient is truncated towards zero. A bit group receives only the quotient (from memory). Division by 0 is an
-    error.
+    The quotient is truncated towards zero. A bit group receives only the quotient. Division by 0 is an error (all
+    verified there). The lowest number divided by -1 is the lowest number (no page found).
     """
     left, right = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
     row, only_quotient = words(cpu, operands[2], wide), isinstance(operands[2], Digits)
@@ -106,7 +109,7 @@ def _quotient(dividend: int, divisor: int) -> int:
 
 
 def sum_(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """SUM s d: d := number of bits that are 1 in s; M8020 is on if this number is 0."""
+    """SUM s d: d := number of bits that are 1 in s; M8020 is on if this number is 0 (verified, fx2n.md 1.2)."""
     get, put = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide)
     mask, special = (1 << width_of(wide)) - 1, cpu.memory.M
 

@@ -130,9 +130,9 @@ def _low_bits(cpu: Cpu, operand: Operand, wide: bool) -> Callable[[int], int]:
 
 
 def enco(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """ENCO s d n: d := number of the highest bit that is on among the 2**n bits from s; an error if all are off.
+    """ENCO s d n: d := number of the highest bit that is on among the 2**n bits from s; 0 and an error if all are off.
 
-    n is 1-8, or 1-4 for a word; n = 0 has no effect.
+    n is 1-8, or 1-4 for a word; n = 0 has no effect (verified, docs/sources/fx2n.md 1.2).
     """
     value, put, count = (
         _low_bits(cpu, operands[0], wide),
@@ -144,9 +144,9 @@ def enco(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
     def run() -> None:
         if n := within(count(), 0, most):
             found = value(1 << n)
+            put(max(found.bit_length() - 1, 0))
             if not found:
                 raise OperationError
-            put(found.bit_length() - 1)
 
     return run
 

@@ -1,6 +1,6 @@
 """Special function modules: FROM TO (FNC 78, 79), RD3A WR3A (FNC 176, 177).
 
-A missing module or word is an operation error with the code 6708 (from memory). The transfer takes no time.
+A missing module or word is an operation error with the code 6708 (no page found). The transfer takes no time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from controller.fx.engine.peripherals.buffer_module import BufferModule
 from controller.fx.language.instruction import Operand
 
 MODULE_ERROR: Final = 6708
-"""Error code in D8067 for FROM and TO without the module or the word (from memory)."""
+"""Error code in D8067 for FROM and TO without the module or the word (no page found)."""
 
 
 def _module(cpu: Cpu, position: int) -> BufferModule:

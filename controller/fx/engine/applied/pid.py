@@ -13,7 +13,8 @@ forward and - for reverse operation, and PVf', PVf'' and so on the values of the
 When the drive input turns on, the history is that of a constant measured value, and the output does not change until
 the first sampling time has passed (assumed). The fraction of the output is stored between samplings; the output is
 truncated towards zero (assumed), and a program may write it. A sampling that is late because of the scan is not
-repeated. Auto-tuning is not supported: an operation error with the code 6750. The error codes are from memory.
+repeated. Auto-tuning is not supported: an operation error with the code 6750 (from memory). The other error codes are
+those of page M-28 of the FX3 analogue manual, which accepts more values of two parameters (docs/sources/fx2n.md 1.10).
 """
 
 from __future__ import annotations

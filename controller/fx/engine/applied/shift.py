@@ -1,6 +1,6 @@
 """Rotation and shift: ROR ROL RCR RCL SFTR SFTL WSFR WSFL SFWR SFRD (FNC 30-39).
 
-Details are from memory unless a docstring states otherwise.
+Details are from memory unless a docstring states otherwise; no page of a manual was found for the shifts and the queue.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ T = TypeVar("T")
 def _rotation(*, left: bool, through_carry: bool) -> ActionFactory:
     """ROR ROL RCR RCL d n: rotate d by n bits (0 to the width of d); the last bit shifted out is in M8022.
 
-    RCR and RCL include M8022 in the rotation. A bit group must fill the word: K4, or K8 in the 32-bit form.
+    A bit group must fill the word: K4, or K8 in the 32-bit form. This is verified for ROL (docs/sources/fx2n.md 1.2).
+    RCR and RCL include M8022 in the rotation.
     """
 
     def make(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:

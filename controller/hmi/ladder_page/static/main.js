@@ -3,6 +3,7 @@
 import { write } from "./dom.js";
 import { Charts } from "./charts.js";
 import { Ladder } from "./ladder.js";
+import { MachineView } from "./machine.js";
 import { Panel } from "./panel.js";
 import { Run } from "./run.js";
 import { ask, otherLanguage, t, unknown, useTexts } from "./texts.js";
@@ -21,7 +22,8 @@ let again = false; // another request follows the present one
 let keeping = false; // the next request freezes the scan
 let latest = null;
 let track = null; // recorded run or branch that is shown; null = the program is live
-let ladder, panel, charts, description, run;
+let shown = "ladder"; // or charts, machine
+let ladder, panel, charts, machine, description, run;
 
 async function begin() {
   ladder = new Ladder((devices) => chosen(devices[0]), () => look());
@@ -36,6 +38,8 @@ async function begin() {
   track = description.live ? null : "recorded";
   if (!description.live) run = new Run(moved, () => panel.device);
   of("freeze").hidden = !description.live;
+  if (description.picture) machine = new MachineView();
+  document.querySelector("[data-mode=machine]").hidden = !machine;
   charts = new Charts([...description.charts], chosen);
   panel = new Panel(description, jump, () => frozen, run ? { run: (part) => run.fill(part) } : {});
   listen();
@@ -63,7 +67,8 @@ async function look() {
   const keep = keeping;
   keeping = false;
   const [first, count] = ladder.span();
-  const wanted = { view, first, count, ...(keep ? { keep: 1 } : frozen === null ? {} : { scan: frozen }) };
+  const wanted = { view, first, count, ...(keep ? { keep: 1 } : frozen === null ? {} : { scan: frozen }),
+    ...(shown === "machine" ? { machine: 1 } : {}) };
   const { status: code, body } = await ask("/api/look", wanted);
   asking = false;
   if (code === 200) {
@@ -87,6 +92,7 @@ function apply(body) {
   write(of("time"), `${(body.at_ms / 1000).toFixed(2)} s`);
   document.body.dataset.shown = `${body.view} ${body.scan}`;
   ladder.apply(body);
+  if (body.machine) machine.show(body.machine);
   const active = new Set(body.active);
   panel.show(active);
   charts.show(active);
@@ -140,7 +146,14 @@ function mode(name) {
   document.querySelectorAll("[data-mode]").forEach((each) => each.setAttribute("aria-pressed", String(each.dataset.mode === name)));
   of("ladder").hidden = name !== "ladder";
   of("charts").hidden = name !== "charts";
+  of("machine").hidden = name !== "machine";
+  shown = name;
   if (name === "charts") charts.open();
+  if (name === "machine") {
+    machine.open();
+    look();
+  }
+  if (name === "ladder" && ladder.used) resize(); // it has no width while it is hidden
 }
 
 function side(open) {
@@ -160,6 +173,10 @@ function jump(rung) {
 }
 
 async function resize() {
+  if (shown !== "ladder") {
+    machine?.relabel();
+    return;
+  }
   const columns = ladder.columns();
   if (columns === ladder.used) {
     ladder.place();
@@ -180,6 +197,7 @@ function listen() {
     otherLanguage();
     panel.refresh();
     run?.label();
+    machine?.relabel();
     status();
   });
   of("search").addEventListener("input", (event) => {

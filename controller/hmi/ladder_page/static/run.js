@@ -9,7 +9,6 @@ const STEPS = [ // command, text, symbol before it, symbol after it
   ["back 1 rung", "move.rung", "▲ ", ""], ["forward 1 rung", "move.rung", "", " ▼"], ["forward 1 scan", "move.scan", "", " ▶"],
   ["forward 1 step", "move.step", "", " ▶"], ["next", "move.change", "", " ▶|"],
 ];
-const LABELLED = ["alarm"];
 
 export class Run {
   /** `onMoved(scan, track, rung)` is called at another position; `device()` returns the chosen device. */
@@ -94,7 +93,7 @@ export class Run {
       this.marked = track;
       this.marks.replaceChildren(...marks.map((mark) => {
         const node = make("button", { class: `mark ${mark.kind}`, title: `${mark.scan}: ${mark.text}`, tabindex: "-1", on: { click: () => this.execute(`goto ${mark.scan}`) } },
-          LABELLED.includes(mark.kind) ? make("span", { text: mark.kind }) : null);
+          mark.kind === "alarm" ? make("span", { "data-text": "mark.alarm", text: t("mark.alarm") }) : null);
         node.style.left = place(mark.scan);
         return node;
       }));

@@ -35,6 +35,11 @@ function choose(language) {
   });
 }
 
+/** Return the selected language. */
+export function language() {
+  return selected;
+}
+
 /** Return a text from the server in the selected language. */
 export function localized(text) {
   return text[selected];

@@ -12,7 +12,8 @@ from controller.events.alarm_load import MOST_IN_WINDOW
 from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
 from controller.hmi.panel.orders.login import HALTING, command_level
 from controller.hmi.panel.view.conditions import condition_text
-from controller.hmi.panel.view.state import Json, in_both
+from controller.hmi.panel.view.facts import Json
+from controller.hmi.panel.view.state import in_both
 from controller.hmi.panel.view.texts import TEXTS
 from controller.iomap.loader import POINT_NAMES
 from controller.program.alarms.guide import LikelyCause, likely_causes

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 from controller.core.devices import device_name
-from controller.core.expr import Bit, Expr, Word, evaluate
+from controller.core.expr import Bit, Word
 from controller.events.alarm_load import is_chattering, is_standing
 from controller.hmi.access import status_registers as status
 from controller.hmi.panel.modbus import mirror as registers
@@ -15,17 +15,16 @@ from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders.jog import Jogging
 from controller.hmi.panel.orders.jog_reasons import jog_obstacle
 from controller.hmi.panel.orders.session import force_obstacle, obstacle_text
+from controller.hmi.panel.view.facts import Json, MachineFacts
 from controller.program.machine import Transplanter
 from controller.program.operator.answers import Question
 from controller.program.operator.commands import JOGGED
 from controller.program.operator.next_press import NextPress, answering, named_commands, refused_text, what_to_do
 from controller.program.operator.refusals import Refusal
-from controller.program.tags import ROWS, SIDES, Side
+from controller.program.tags import SIDES, Side
 from controller.program.texts.isolation import begins_with_isolation
 from controller.program.texts.next_press import NEXT_PRESSES
 from controller.program.texts.operator import Text
-
-Json = dict[str, Any]
 
 OPEN_KEYS: Final = ("steps",)
 """Sections with a variable set of keys: in a delta, null marks a removed key."""
@@ -54,6 +53,7 @@ class ViewBuilder:
         """
         self._machine = machine
         self._tags = machine.tags
+        self._facts = MachineFacts(machine)
         self._mirror = mirror
         self._jogging = jogging
         self._telemetry = telemetry
@@ -73,8 +73,8 @@ class ViewBuilder:
             "link": self._link(),
             "machine": self._control(),
             "arms": {side: self._arm(side) for side in SIDES},
-            "tray": self._tray(),
-            "io": dict(self._io()),
+            "tray": self._facts.tray(self._mirror.memory),
+            "io": self._facts.io(self._mirror.memory),
             "forced": self._forced(),
             "steps": {str(bit): 1 for bit in self._steps if self._read(bit)},
             "alarms": {
@@ -94,9 +94,6 @@ class ViewBuilder:
         if isinstance(device, Bit):
             return int(memory.bits(device.kind)[device.number])
         return memory.word(device.kind, device.number)
-
-    def _is(self, condition: Expr) -> bool:
-        return evaluate(condition, self._mirror.memory)
 
     def _link(self) -> Json:
         mirror, telemetry = self._mirror, self._telemetry
@@ -156,46 +153,13 @@ class ViewBuilder:
         return in_both(refused_text(command, Refusal(reason), what_to_do(self._tags, self._machine.alarms, self._read)))
 
     def _arm(self, side: Side) -> Json:
-        arm = self._tags.arms[side]
-        sequences = (self._machine.cycles[side], self._machine.homings[side])
-        active = [str(bit) for sequence in sequences for bit, _ in sequence if self._read(bit)]
         first = status.R_CYCLES + status.CYCLE_WORDS * SIDES.index(side)
         cause = self._mirror.word(first + 6)
-        return {
-            "down": self._is(arm.down),
-            "up": self._is(arm.up),
-            "at_feed": self._is(arm.at_feed),
-            "at_pick": next((row for row in ROWS if self._is(arm.at_pick[row])), 0),
-            "spread": self._is(arm.is_spread),
-            "converged": self._is(arm.is_converged),
-            "loaded": self._is(arm.loaded),
-            "load_known": self._is(arm.claws_known),
-            "out_of_service": self._is(arm.out_of_service),
-            "claws_closed": self._is(arm.claws_closed),
-            "step": active[-1] if active else None,
-            "row": next((row for row in ROWS if self._is(arm.row_is[row])), ROWS[0]),
-            "rows": {str(row): self._read(arm.rows[row]) for row in ROWS},
-            "missed_cups": self._read(arm.missed_cups),
-            "cycles": self._read(arm.cycles),
-            "cup_count": self._read(arm.cup_counter.value),
+        return self._facts.arm(self._mirror.memory, side) | {
             "cycle_ms": self._mirror.long(first + 2),
             "waiting_ms": self._mirror.long(first + 4),
             "gap_cause": status.GAP_CAUSES[cause] if cause < len(status.GAP_CAUSES) else status.GAP_CAUSES[0],
         }
-
-    def _tray(self) -> Json:
-        tray = self._tags.tray
-        return {
-            "phase": self._read(tray.phase),
-            "edge": self._is(tray.edge),
-            "running": self._is(tray.driven["tray_run"]),
-            "forward": self._is(tray.driven["tray_forward"]),
-        }
-
-    def _io(self) -> Iterator[tuple[str, int]]:
-        memory = self._mirror.memory
-        for point in (*self._machine.io_map.inputs, *self._machine.io_map.outputs):
-            yield point.address, int(memory.bits(point.device)[point.number])
 
     def _forced(self) -> list[str]:
         forced = self._mirror.long(registers.R_FORCED)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, pairwise
 from typing import Final, NamedTuple
 
-from controller.hmi.panel.view.state import Json
+from controller.hmi.panel.view.facts import Json
 
 GAP_MS: Final = 2_000
 """Shortest time without a period that is shown as a gap, ms: samples of a busy computer are up to a second late."""

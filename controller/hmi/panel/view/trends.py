@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from typing import Final
 
 from controller.common.supervision.failures import drop
 from controller.common.supervision.threads import in_thread
 from controller.history.query import CycleTimes, HistoryReader
 from controller.hmi.panel.modbus.telemetry import Telemetry
-from controller.hmi.panel.view.state import Json
+from controller.hmi.panel.view.facts import Json
 from controller.hmi.panel.view.trend_file import TrendFile
 from controller.hmi.panel.view.trend_periods import Spread, TrendPeriod, decimated, merged, single, table, with_gaps
 from controller.hmi.panel.view.trend_ring import TrendRing
@@ -133,22 +134,22 @@ class Trends:
             "tables": tables,
         }
 
-    def _recorded(self, step_ms: int) -> Callable[[], list[TrendPeriod]]:
-        """Return a function of another thread that returns samples and periods in chronological order.
+    def _recorded(self, step_ms: int) -> Iterator[TrendPeriod]:
+        """Return an iterator of another thread over samples and periods in chronological order.
 
-        If a step has several periods, they are sufficient.
+        If a step has several periods, they are sufficient. They are copied at once, but become objects one by one, so
+        that an answer takes no more memory the more has been recorded.
         """
         periods = self._periods.copy()
         if step_ms >= PERIOD_MS:
-            latest = [merged(self._open)] if self._open else []
-            return lambda: [*periods, *latest]
+            return chain(periods, [merged(self._open)] if self._open else [])
         samples = self._samples.copy()
         first_ms = self._wall_ms() if samples.oldest_ms is None else samples.oldest_ms
-        return lambda: [*(row for row in periods if row.end_ms <= first_ms), *samples]
+        return chain((row for row in periods if row.end_ms <= first_ms), samples)
 
-    def _tables(self, recorded: Callable[[], list[TrendPeriod]], from_ms: int, to_ms: int, step_ms: int) -> list[Json]:
+    def _tables(self, recorded: Iterable[TrendPeriod], from_ms: int, to_ms: int, step_ms: int) -> list[Json]:
         """Return a table of points for the telemetry, one for the cycles and one for the hours."""
-        within = [row for row in recorded() if from_ms <= row.end_ms and row.utc_ms < to_ms]
+        within = (row for row in recorded if from_ms <= row.end_ms and row.utc_ms < to_ms)
         hours = range(from_ms // HOUR_MS, -(-to_ms // HOUR_MS))
         cycles = []
         if self._history is not None:

@@ -9,6 +9,7 @@ least active one without a login.
 from __future__ import annotations
 
 import asyncio
+import select
 import socket
 from collections.abc import Callable
 from contextlib import suppress
@@ -28,6 +29,45 @@ CHECK_S: Final = 1.0
 BURST: Final = 4
 """Connections accepted in a row. Before the next ones, the event loop reads what the former ones have sent, so that
 they have asked before they could be displaced, and closes those that have lost their slots."""
+PAUSE_S: Final = 0.02
+"""Pause after a burst in which connections were displaced or refused, s. Otherwise whoever replaces closed connections
+at once would keep the event loop busy, and the orders of browsers waiting; new pages wait in the queue."""
+
+
+class Gate:
+    """Descriptor that is readable when a listening socket is, except for pauses; without effect if there is no epoll.
+
+    The event loop would ask a listening socket with waiting connections again and again.
+    """
+
+    def __init__(self, fileno: int) -> None:
+        """Open the gate of a listening socket."""
+        self._listening = fileno
+        self._epoll = select.epoll() if hasattr(select, "epoll") else None
+        self._opening: asyncio.TimerHandle | None = None
+        self._open()
+
+    def fileno(self) -> int:
+        """Return the descriptor."""
+        return self._listening if self._epoll is None else self._epoll.fileno()
+
+    def shut(self, for_s: float) -> None:
+        """Begin a pause."""
+        if self._epoll is not None and self._opening is None:
+            self._epoll.unregister(self._listening)
+            self._opening = asyncio.get_running_loop().call_later(for_s, self._open)
+
+    def close(self) -> None:
+        """Close the descriptor; no effect on a closed one."""
+        if self._opening is not None:
+            self._opening.cancel()
+        if self._epoll is not None:
+            self._epoll.close()
+
+    def _open(self) -> None:
+        self._opening = None
+        if self._epoll is not None:
+            self._epoll.register(self._listening, select.EPOLLIN)
 
 
 class PanelListener(socket.socket):
@@ -53,7 +93,18 @@ class PanelListener(socket.socket):
         self._clock = clock
         self._request_ms = request_ms
         self._accepted = 0
+        self._rejected = 0
+        self._gate = Gate(super().fileno())
         self._connections: dict[tuple[str, int], tuple[socket.socket, ClientSlot]] = {}
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when a connection can be accepted."""
+        return self._gate.fileno() if super().fileno() >= 0 else -1
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._gate.close()
+        super().close()
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Accept the next connection for which there is a slot.
@@ -64,6 +115,10 @@ class PanelListener(socket.socket):
         while True:
             self._accepted = (self._accepted + 1) % (BURST + 1)
             if self._accepted == 0:
+                closed = self.slots.displaced + self.slots.refused
+                if closed != self._rejected:
+                    self._rejected = closed
+                    self._gate.shut(PAUSE_S)
                 raise BlockingIOError
             if self._accepted == 1:
                 self._free_closed()

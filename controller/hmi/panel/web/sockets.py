@@ -18,7 +18,8 @@ from controller.hmi.panel.orders.messages import BoxOrder, CommandOrder, JogOrde
 from controller.hmi.panel.orders.operator import OrderHandler, Reply
 from controller.hmi.panel.orders.replies import reply_text
 from controller.hmi.panel.orders.session import BrowserSession
-from controller.hmi.panel.view.state import Json, ViewBuilder, delta, in_both, in_both_or_none
+from controller.hmi.panel.view.facts import Json
+from controller.hmi.panel.view.state import ViewBuilder, delta, in_both, in_both_or_none
 from controller.hmi.panel.view.trends import SAMPLE_MS, Trends
 
 _log = logging.getLogger(__name__)

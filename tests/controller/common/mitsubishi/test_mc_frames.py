@@ -149,6 +149,7 @@ def code_1e(text: str, *, is_ascii: bool = False) -> int:
         ("01FF0A0000000000204D" + "2100", mc1e.TOO_MANY_POINTS),  # 33 words of bits
         ("02FF0A0000000000204D" + "A100" + "00" * 81, mc1e.TOO_MANY_POINTS),  # 161 bits
         ("01FF0A00C8000000" + "4E43" + "0300", mc1e.TOO_MANY_POINTS),  # C200, odd number of words
+        ("01FF0A00C7000000" + "4E43" + "0200", mc1e.TOO_MANY_POINTS),  # C199 and half of C200
         ("03FF0A000000000020440200" + "0100", mc1e.TOO_MANY_POINTS),  # one word instead of two
     ],
 )

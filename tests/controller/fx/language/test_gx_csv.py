@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -101,14 +102,14 @@ def test_rows_of_a_real_export() -> None:
     assert [i.line for i in ladder.instructions] == [6, 8, 11, 12, 13, 15]
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
-@pytest.mark.parametrize("delimiter", ["\t", ","])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "gbk", "cp932"])
+@pytest.mark.parametrize("delimiter", ["\t", ",", ";"])
 @pytest.mark.parametrize("quoting", [csv.QUOTE_ALL, csv.QUOTE_MINIMAL])
 @pytest.mark.parametrize("newline", ["\r\n", "\n"])
 def test_formats_of_other_tools(
     tmp_path: Path, encoding: str, delimiter: str, quoting: Literal[0, 1], newline: str
 ) -> None:
-    ladder = read_il(SELF_HOLDING)
+    ladder = replace(read_il(SELF_HOLDING), titles={0: "起動" if encoding == "cp932" else "启动皮带"})
     rows = csv.reader(io.StringIO(write_gx_csv(ladder).decode("utf-16"), newline=""), delimiter="\t")
     text = io.StringIO(newline="")
     csv.writer(text, delimiter=delimiter, quoting=quoting, lineterminator=newline).writerows(rows)
@@ -116,6 +117,8 @@ def test_formats_of_other_tools(
     path.write_bytes(text.getvalue().encode(encoding))
     assert load_ladder(path) == ladder
     assert load_ladder(path).titles == ladder.titles
+    is_assumed = encoding in ("utf-16-le", "utf-16-be", "gbk", "cp932")
+    assert len(load_ladder(path).notes) == is_assumed + (delimiter == ";")
 
 
 @pytest.mark.parametrize(
@@ -150,7 +153,7 @@ def test_error_has_line_and_column_of_the_field(rows: list[Row], start: str) -> 
         ),
         (encoded(head=(("MAIN",), ("PLC:", "FXCPU"), COLUMNS[:6])), "3:1: "),
         (b"\xff\xfe\x00", "1:1: file: not UTF-16 text"),
-        (b'"MAIN"\n"\x80"', "2:1: file: not UTF-8 text"),
+        (b'"MAIN"\n"\x80"', "2:1: file: not UTF-8, UTF-16, GBK or Shift-JIS text"),
         (b'"MAIN"\n"a"b\n', "2:1: file: cannot be split into fields"),
         (encoded(), "1:1: END: END is missing"),
     ],

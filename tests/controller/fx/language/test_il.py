@@ -382,7 +382,7 @@ def test_file_format_is_detected_from_the_content(tmp_path: Path) -> None:
     ("data", "part"),
     [
         (None, "cannot be read"),
-        (b"\x80\x81", "not UTF-8 text"),
+        (b"\x80\x81", "not UTF-8, UTF-16, GBK or Shift-JIS text; save it as UTF-8"),
         (b"\xff\xfea", "not UTF-16 text"),
         (b"LD X0\n\x00\x01", "not a text file (character U+0000)"),
         (b" " * (LARGEST_BYTES + 1), "larger than"),

@@ -90,7 +90,13 @@ def test_required_and_optional_keys(tmp_path: Path) -> None:
         ),
         ("d0: -5", "D0: 32768", "3: initial.D0: 32768 is out of range; write a number from -32768 to 32767"),
         ("M500: 1", "M500: 2", "3: initial.M500: 2 is out of range; write a number from 0 to 1"),
-        ("M500: 1", "M500: true", "3: initial.M500: true is out of range; write a number from 0 to 1"),
+        ("M500: 1", "M500: true", "3: initial.M500: true is not a whole number; write one from 0 to 1"),
+        ("d0: -5", "D0: 1.5", "3: initial.D0: '1.5' is not a whole number; write one from -32768 to 32767"),
+        (
+            "d0: -5",
+            "D0: 010",
+            "3: initial.D0: '010' is not a whole number; write one from -32768 to 32767, without zeros in front",
+        ),
         (
             "M500: 1",
             "M3072: 1",

@@ -82,6 +82,13 @@ def test_words_are_unsigned_outside_and_signed_inside(rig: LiveRig) -> None:
     assert rig.session.read_words(D("CN199"), 3) == [0, 0xFFFD, 0xFFFF]
 
 
+@pytest.mark.parametrize(("first", "count"), [("CN199", 2), ("CN200", 1), ("CN200", 3), ("CN190", 13), ("CN255", 1)])
+def test_half_of_a_32_bit_value_is_not_read(rig: LiveRig, first: str, count: int) -> None:
+    with pytest.raises(AccessRefusedError) as error:
+        rig.session.read_words(D(first), count)
+    assert error.value.refusal is AccessRefusal.NO_DEVICE
+
+
 @pytest.mark.parametrize(
     "write",
     [

@@ -155,17 +155,16 @@ UNREADABLE = (
 """Comparisons, outputs and loops of arbitrary programs with a state that no client can read."""
 
 
-@pytest.mark.parametrize(("programs", "most_wrong"), first_of([(15, 0), (600, 7)], 1))
-def test_scans_of_arbitrary_programs_are_shown_as_executed_or_not_at_all(programs: int, most_wrong: int) -> None:
-    """The cause of the wrong scans of the 600 programs is not known."""
+@pytest.mark.parametrize("programs", first_of([15, 600], 1))
+def test_scans_of_arbitrary_programs_are_shown_as_executed_or_not_at_all(programs: int) -> None:
     tally = Tally()
     story = settings(max_examples=programs, derandomize=True, database=None)(
         given(arbitrary.programs(lambda text: text not in UNREADABLE), arbitrary.STORIES)(tally.add_program)
     )
     story()
     assert tally.total() > 4 * programs
-    assert tally["equal"] > 0.75 * tally.total()
-    assert tally["wrong"] <= most_wrong
+    assert tally["equal"] > 2 / 3 * tally.total()
+    assert tally["wrong"] == 0
 
 
 @pytest.mark.parametrize("text", UNREADABLE)
@@ -235,7 +234,13 @@ def test_a_scan_that_ends_with_an_error_is_not_shown_as_executed() -> None:
     "rung",
     [
         *("LDP X1\nOUT Y0", "LDF X1\nOUT Y0", "LD X1\nORP X2\nOUT Y0", "LD X1\nPLS M0", "LD X1\nPLF M0"),
-        *("LD X1\nINCP D0", "LD X1\nOUT C0 K3", "LD X1\nOUT T250 K9", "STL S20\nOUT Y0\nRET"),
+        *(
+            "LD X1\nINCP D0",
+            "LD X1\nOUT C0 K3",
+            "LD X1\nOUT T250 K9",
+            "LD X1\nOUT T0 K9\nLD X1\nRST T0",
+            "STL S20\nOUT Y0\nRET",
+        ),
     ],
 )
 def test_a_level_from_before_a_jump_is_not_shown_as_executed(rung: str) -> None:
@@ -247,6 +252,45 @@ def test_a_level_from_before_a_jump_is_not_shown_as_executed(rung: str) -> None:
     assert [len(each.hidden) for each in seen] == [0, 0, 1]
     assert [each.known is None for each in seen] == [False, False, True]
     assert seen[-1].hidden[0].rpartition(" ")[0] in rung.splitlines()
+
+
+TIMER = "LD X0\nOUT T0 {}\nLD T0\nOUT Y0"
+AGAIN = "LD M8002\nRST T0"
+
+
+@pytest.mark.parametrize(
+    ("text", "is_hidden"),
+    [
+        (f"{TIMER.format('K5')}\n{AGAIN}", False),
+        (TIMER.format("D0"), False),
+        (f"{TIMER.format('D0')}\n{AGAIN}", True),
+        (f"{TIMER.format('D0')}\nLD X1\nZRST T0 T3", True),
+        (f"{TIMER.format('D0')}\nLD X1\nZRST T1 T3", False),
+        (f"{TIMER.format('K5')}\nLD X1\nMOV D0 T0", True),
+        (f"{TIMER.format('K5')}\nLD X1\nFMOV K0 T0 K2", True),
+        (f"{TIMER.format('K5')}\nLD X1\nMOV T0 D0", False),
+        (f"{TIMER.format('K5')}\nLD X1\nOUT T0 K9", True),
+        (f"{TIMER.format('K5')}\nLD X1\nOUT T0 K5", False),
+        (f"FOR K2\n{TIMER.format('D0')}\nNEXT", True),
+        (f"FOR K2\nNEXT\n{TIMER.format('D0')}", False),
+        (f"P0\n{TIMER.format('D0')}\nLD X1\nCJ P0", True),
+        (f"LD X1\nCJ P0\nP0\n{TIMER.format('D0')}", False),
+        (f"LD X1\nCALL P0\nFEND\nP0\n{TIMER.format('D0')}\nSRET", True),
+        ("LD X0\nOUT T250 D0\nLD X1\nMOV D0 T250", False),
+        ("LD X1\nMOV D0 T0\nLD> T0 K2\nOUT Y0", False),
+    ],
+)
+def test_a_timer_whose_value_does_not_tell_its_start_is_named(text: str, is_hidden: bool) -> None:
+    seen = observed(f"{text}\nEND", *((at_ms, [False, False], ()) for at_ms in range(6)))
+    assert {each.rpartition(" ")[0].rpartition(" ")[0] for each in seen.hidden} == ({"OUT T0"} if is_hidden else set())
+
+
+def test_a_scan_is_not_shown_with_a_timer_that_seems_to_run_because_of_a_write() -> None:
+    """At END nothing differs: RST hides that the stopped timer began at 0 and not at the value written to it."""
+    text = "LD M8002\nMOV K50 T0\nLD X0\nOUT T0 K10\nLD T0\nOUT M0\nLD X0\nRST T0\nEND"
+    seen = observed(text, *((at_ms, [at_ms == 20], ()) for at_ms in (0, 10, 20)))
+    assert seen.differing == ()
+    assert seen.known is None
 
 
 def test_in_a_rung_without_jumps_and_from_the_first_scan_on_each_level_is_known() -> None:

@@ -147,7 +147,7 @@ def test_a_controller_that_does_not_answer_is_told() -> None:
 
 
 def test_the_page_has_no_request_that_writes(rig: LadderRig) -> None:
-    paths = ("/", "/api/look", "/api/describe", "/api/why", "/api/command")
+    paths = ("/", "/api/look", "/api/describe", "/api/why", "/api/command", "/api/machine", "/panel/app.js")
     for path in paths:
         for method in ("POST", "PUT", "DELETE", "PATCH"):
             answer = rig.web.client.request(method, path, headers={"origin": rig.web.origin})

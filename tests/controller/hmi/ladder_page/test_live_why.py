@@ -235,7 +235,7 @@ def test_the_tab_why_answers_on_a_live_page(rig: LadderRig) -> None:
         page.locator("[data-tab=outputs]").click()
         page.locator("li[data-device=Y0] button").click()
         page.locator("[data-action=why]").click()
-        expect(page.locator("[data-part=why] li.cause")).to_have_text("原因: X1 断开，与本扫描之前相同 ")
+        expect(page.locator("[data-part=why] li.cause")).to_have_text("原因：X1 断开，与本扫描之前相同 ")
         rig.live.writes.submit(lambda: rig.live.plc.memory.M.__setitem__(0, False))
         rig.scan(())
         page.locator("[data-tab=why]").click()

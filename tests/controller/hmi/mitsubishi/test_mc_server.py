@@ -11,7 +11,7 @@ import pytest
 
 from controller.common.mitsubishi.client import McClient
 from controller.common.mitsubishi.devices import Device
-from controller.common.mitsubishi.mc1e import Frame1E
+from controller.common.mitsubishi.mc1e import TOO_MANY_POINTS, Frame1E
 from controller.common.mitsubishi.mc3e import Frame3E
 from controller.common.mitsubishi.requests import (
     ReadBits,
@@ -251,6 +251,14 @@ def test_writes_without_a_target_are_in_the_audit_log_and_change_nothing() -> No
         assert all(row[4].startswith("refused: ") for row in rig.hmi.audits)
         rig.hmi.twin.scan()
         assert rig.hmi.twin.plc.memory.D[target.number] == before[6][target.number]
+
+
+@pytest.mark.parametrize("request_", [ReadWords(D("CN199"), 2), ReadWords(D("CN200"), 1), ReadWords(D("CN200"), 3)])
+def test_half_of_a_32_bit_value_is_not_read(shared: McRig, request_: ReadWords) -> None:
+    client = shared.client()
+    no_device = (TOO_MANY_POINTS, 0) if isinstance(shared.frame, Frame1E) else codes(shared.frame)["no device"]
+    assert refused(client, request_) == no_device
+    assert len(client.read_words(D("CN199"), 3)) == 3
 
 
 def test_a_jog_ends_with_its_connection() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import select
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -16,7 +17,7 @@ from websockets.sync.client import ClientConnection
 from controller.common.client_slots import Quota
 from controller.core.clock import SimulatedClock
 from controller.hmi.panel.web import answers, listener
-from controller.hmi.panel.web.listener import Attendance, PanelListener
+from controller.hmi.panel.web.listener import BURST, Attendance, PanelListener
 from controller.hmi.panel.web.sockets import QUOTA, TOO_MANY
 from tests.controller.hmi.panel.panel_rig import PASSWORDS, Browser, PanelRig
 from tests.real_time import WAIT_S
@@ -73,6 +74,37 @@ def test_connections_of_users_are_not_displaced_and_fill_all_slots(tmp_path: Pat
             assert [ends(connection) for connection in refused] == [b"", b""]
         for user in users:
             assert user.order(type="jog", output="left.lift_extend", hold=False)["ok"]
+
+
+def test_the_listener_pauses_between_the_connections_that_it_displaces() -> None:
+    """Waiting connections are accepted in bursts, between which the event loop is not asked about them."""
+    waiting = 40
+
+    async def accepted(listening: PanelListener, stack: ExitStack) -> list[int]:
+        counts: list[int] = []
+        while sum(counts) < waiting and len(counts) < waiting:
+            readable = asyncio.Event()
+            loop = asyncio.get_running_loop()
+            loop.add_reader(listening.fileno(), readable.set)
+            async with asyncio.timeout(WAIT_S):
+                await readable.wait()
+            loop.remove_reader(listening.fileno())
+            counts.append(0)
+            while select.select([listening], [], [], 0)[0]:
+                with suppress(BlockingIOError):
+                    stack.enter_context(listening.accept()[0])
+                    counts[-1] += 1
+        return counts
+
+    with ExitStack() as stack:
+        listening = PanelListener(socket.create_server(("127.0.0.1", 0), backlog=waiting), SimulatedClock(), FEW)
+        stack.enter_context(listening)
+        for _ in range(waiting):
+            stack.enter_context(socket.create_connection(listening.getsockname(), WAIT_S))
+        counts = asyncio.run(accepted(listening, stack))
+    assert sum(counts) == waiting
+    assert counts[0] <= FEW.of_address + BURST
+    assert max(counts[1:]) <= BURST
 
 
 class Answering:

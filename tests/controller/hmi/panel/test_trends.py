@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import tracemalloc
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -78,6 +79,19 @@ def test_what_is_older_than_the_limit_is_dropped_from_memory() -> None:
     assert recorder.at_ms - KEPT_MS <= table["times"][0] + 87_000
     assert len(recorder.trends._periods) == MOST_PERIODS
     assert len(recorder.trends._samples) == SAMPLED_MS // SAMPLE_MS
+
+
+def test_an_answer_takes_no_more_memory_the_more_has_been_recorded() -> None:
+    """The panel would grow until its buffer is full, by all that is recorded as objects at once."""
+    recorder = Recorder()
+    peaks = []
+    for count in (300, SAMPLED_MS // SAMPLE_MS - 300):
+        recorder.record(float(n) for n in range(count))
+        tracemalloc.start()
+        recorder.answer(SAMPLED_MS, points=100)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 150_000
 
 
 @pytest.mark.parametrize("span_ms", [60_000, HOUR_MS])

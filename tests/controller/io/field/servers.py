@@ -70,6 +70,7 @@ class TcpModule:
     def _serve(self, plain: socket.socket) -> None:
         client = object()
         with contextlib.suppress(OSError), self._wrap(plain) as connection:
+            self._connections.append(connection)  # with TLS, it has taken over the plain one
             while True:
                 header = exactly(connection, 7)
                 transaction, _, length, unit = struct.unpack(">HHHB", header)

@@ -48,6 +48,7 @@ def refused(folder: Path, text: str | bytes, capsys: pytest.CaptureFixture[str])
         ("16,45,92", "16,45,1e999", "4: column S: is too large; write a finite number"),
         ("16,45,92", "16,45,9,2", "4: has 4 cells for 3 columns; a decimal comma, as in 1,5, ends a cell; write 1.5"),
         ("16,45,92", "16,45", "4: has 2 cells for 3 columns; complete the line"),
+        ("16,45,92", "16;45;92", "4: has 1 cell for 3 columns; separate its cells with commas instead of semicolons"),
         ("age (d)", "foam", "1: column foam: occurs twice in the heading; rename one"),
         ("age (d)", "", "1: column 2: has no heading; name it"),
         ("foam (mm),age (d),S (%)\n", "", "1: column 1: the heading is a number; write the names of the columns first"),
@@ -84,18 +85,32 @@ def test_another_separator_is_told(
 @pytest.mark.parametrize(
     ("data", "complaint"),
     [
-        ("泡沫,苗龄,S\n8,45,90\n".encode("gbk"), "1: column 1: is not UTF-8 but probably GBK, as a Chinese Windows"),
-        ("foam,操作员,S\n8,45,90\n".encode("gbk"), "1: column 2: is not UTF-8 but probably GBK, as a Chinese Windows"),
-        (GOOD.encode("utf-16"), "1: is UTF-16 text; save it as 'CSV UTF-8 (comma delimited)'"),
+        ("épaisseur,âge,S\n8,45,90\n".encode("latin-1"), "1: column 1: is not UTF-8, UTF-16, GBK or Shift-JIS text"),
+        ("8,45,90\n8,45,é\n".encode("latin-1"), "2: column 3: is not UTF-8, UTF-16, GBK or Shift-JIS text; save"),
         (b"PK\x03\x04" + bytes(99), "1: is a workbook, not a table of text; save it as 'CSV UTF-8"),
         (b"", "1: is empty; write a heading and one line per trial"),
     ],
-    ids=["gbk", "gbk in the second column", "utf-16", "workbook", "empty"],
+    ids=["latin-1", "latin-1 in the third column", "workbook", "empty"],
 )
 def test_another_encoding_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], data: bytes, complaint: str
 ) -> None:
     assert refused(tmp_path, data, capsys).startswith(complaint)
+
+
+@pytest.mark.parametrize("encoding", ["gbk", "utf-16", "utf-16-le"])
+def test_a_table_in_the_encoding_of_a_chinese_spreadsheet_is_read_and_the_report_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], encoding: str
+) -> None:
+    text = "泡沫厚度(mm),苗龄(d),成功率(%)\n8,45,90\n8,55,91\n16,45,92\n16,55,95\n8,45,89\n8,55,91.5\n"
+    path = written(tmp_path, text.encode(encoding))
+    table = read_table(path)
+    assert [(each.name, each.unit) for each in table.columns] == [("泡沫厚度", "mm"), ("苗龄", "d"), ("成功率", "%")]
+    assert main(["study", "analyse", str(path)]) == 0
+    told = {"gbk": "read as GBK", "utf-16": "", "utf-16-le": "read as UTF-16 without a byte order mark"}[encoding]
+    report = capsys.readouterr().out
+    assert ("The file is read as" in report) == bool(told)
+    assert told in report
 
 
 def test_a_byte_order_mark_blank_lines_and_chinese_headings_are_read(tmp_path: Path) -> None:

@@ -73,6 +73,28 @@ def test_the_error_is_the_scatter_of_repeated_trials(link: Link) -> None:
     assert found.p_value("X1") == pytest.approx(x1.p) == pytest.approx(2 * stats.t.sf(abs(x1.t or 0), 4))
 
 
+@pytest.mark.parametrize("link", ["identity", "logit"])
+@pytest.mark.filterwarnings("ignore:The Identity link function does not respect the domain")
+def test_several_terms_are_tested_with_the_weights_of_the_model_without_them(link: Link) -> None:
+    """The score test of statsmodels, relative to the pure error with the same weights."""
+    tested = ("X1 X2", "X1^2", "X2^2")
+    without = [name for name in ALL_NAMES if name not in tested]
+    family = sm.families.Binomial({"identity": sm.families.links.Identity, "logit": sm.families.links.Logit}[link]())
+    counts = drawn()
+    model = sm.GLM(np.column_stack([counts, TOTALS - counts]), model_matrix(DESIGN, without), family=family)
+    start = [0.8, 0.0, 0.0] if link == "identity" else None
+    simple = model.fit(start_params=start, tol=1e-12, maxiter=200)
+    chi2, _, degrees = model.score_test(simple.params, exog_extra=model_matrix(DESIGN, tested), observed=False)
+    assert degrees == 3
+    share, mean = float(simple.fittedvalues[-1]), counts[8:].sum() / TOTALS[8:].sum()
+    pure = float(np.sum(TOTALS[8:] * (counts[8:] / TOTALS[8:] - mean) ** 2)) / (share * (1 - share))
+    found = fitted(link)
+    row = found.joint_row("curved", tested)
+    assert row.f == pytest.approx(chi2.item() / 3 / (pure / 4), rel=1e-5)
+    assert row.f == pytest.approx((row.mean_square or 0) / (found.dispersion.estimate or 0))
+    assert row.p == pytest.approx(stats.f.sf(row.f, 3, 4))
+
+
 def test_the_analysis_of_variance_adds_up() -> None:
     found = fitted()
     for whole, parts in (("total", ("model", "residual")), ("residual", ("lack of fit", "pure error"))):

@@ -22,11 +22,11 @@ def test_changed_parameters_are_named_before_anything_else() -> None:
     one = DELIVERED.with_values({"seedling.adhesion_n": 2.0})
     assert changed_keys(one) == ["seedling.adhesion_n"]
     changed, fitted = origin_parts(one)
-    assert changed.startswith("Changed machine: seedling.adhesion_n differ from the delivered machine")
+    assert changed.startswith("Changed machine: seedling.adhesion_n differs from the delivered machine")
     assert fitted.startswith("What was fitted to what")
     names = ("cut_n", "cut_sd", "cut_age", "endurance", "crown_m", "sway_m", "stick_m")
     (from_file, _) = origin_parts(one, Path("mine/sticky.yaml"))
-    assert from_file.startswith("Changed machine (mine/sticky.yaml): seedling.adhesion_n differ")
+    assert from_file.startswith("Changed machine (mine/sticky.yaml): seedling.adhesion_n differs")
     assert len(origin_parts(DELIVERED, Path("mine/same.yaml"))) == 1
     many = DELIVERED.with_values({f"seedling.{name}": 1.01 * getattr(DELIVERED.seedling, name) for name in names})
     assert len(changed_keys(many)) == 7

@@ -215,7 +215,7 @@ def test_progress_counts_the_trials_and_the_observed_runs() -> None:
     options = replace(OPTIONS, trials=5, progress=lambda done, total: reported.append((done, total)))
     progress = driving._with_overall_progress(options).progress
     assert progress is not None
-    planned = 71 * 6 + 1 + 18 * (4 + 5 * 8)
+    planned = 71 * 6 + 18 * (2 + 5 * 6)
     for done, total in ((20, 355), (40, 355), (355, 355), (1, 71), (71, 71), (20, 2000)):
         progress(done, total)
     assert reported == [

@@ -198,7 +198,10 @@ def test_a_shorter_motion_gives_margin_and_a_longer_one_takes_it() -> None:
         assert shorter["changed_s"] / shorter["base_s"] == pytest.approx(0.9, abs=0.03), shorter["motion"]
         assert longer["changed_s"] / longer["base_s"] == pytest.approx(1.1, abs=0.03), longer["motion"]
     slide = next(pair for pair in pairs if pair[0]["motion"] == "slide in and out")
-    assert slide[0]["gained_per_min"] > 0 > slide[1]["gained_per_min"]
+    assert slide[0]["interval_per_min"][0] > 0 > slide[1]["interval_per_min"][1]
+    for gain in record["gains"]:
+        assert len(gain["differences_per_min"]) == LEAST_TRIALS
+        assert gain["interval_per_min"][0] < gain["gain_per_min"] < gain["interval_per_min"][1]
     assert slide[0]["margin_s"] > 0 > slide[1]["margin_s"]
 
 

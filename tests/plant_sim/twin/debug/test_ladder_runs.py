@@ -69,6 +69,7 @@ def test_every_scan_can_be_returned_to_with_the_plant() -> None:
     for scan in (*range(line.last, 0, -37), 1, 51, 50, 49, line.last):
         line.seek(scan)
         assert recorder.state() == recorder.noted[scan], scan
+        assert line.machine.now_ms == 10 * scan
     assert [str(entry) for _, entry in line.entries()] == ["start=on", "start=off"]
 
 
@@ -86,6 +87,44 @@ def test_why_a_branch_and_values_of_the_plant() -> None:
     assert any("Y2: 1 | 0" in line for line in answers)
     with pytest.raises(InputError, match="a value of the plant cannot be set"):
         list(debugger.execute("branch left.lift.position_m=0@5"))
+
+
+@pytest.mark.parametrize(
+    "fault", ["stuck_off:left.lift_up", "jammed:left.lift", "closed_throttle:left.lift.plus=1e-11"]
+)
+def test_why_ends_at_the_fault_of_the_plant_and_proves_it(fault: str) -> None:
+    debugger = Debugger(played(f"{fault}@200ms..").timeline)
+    english, chinese = ("\n".join(debugger.execute(f"why not Y3{language}")) for language in ("", " zh"))
+    name = fault.partition("=")[0]
+    assert "X2 left.lift_up is off" in english
+    (cause,) = (line for line in english.splitlines() if line.startswith("Cause: "))
+    assert cause.startswith(f"Cause: fault {name}, since 0.20 s; left.lift ")
+    assert f"Proved by replay: with mend={name}@" in english
+    assert "X2 左：升降在上限位" in chinese
+    assert "左：升降 " in chinese
+    assert "left." not in chinese.replace(name, "")
+
+
+def test_a_safeguard_is_a_cause_of_another_program_and_no_contact_to_bridge() -> None:
+    recorder = LadderRecorder()
+    text = "LD X0\nOR M0\nANI X24\nOUT M0\nLD M0\nAND X1\nOUT Y2\nEND\n"
+    run_ladder_trial(read_il(text), seed=1, trays=1, rule=EndingRule(3_000), recorder=recorder)
+    words = "\n".join(Debugger(recorder.close()).execute("why not M0"))
+    assert "  1. needs X0 start on; cause: X24 stop on" in words
+    assert "needs X24" not in words
+
+
+def test_a_fault_and_a_button_of_a_branch() -> None:
+    debugger = Debugger(played().timeline)
+    (_, *answers) = debugger.execute("branch fault=jammed:left.lift@50..")
+    assert any(line.startswith("first difference") or "Y3" in line for line in answers), answers
+    list(debugger.execute("use branch"))
+    assert list(debugger.execute("show X2 Y3")) == ["X2: 0", "Y3: 0"]
+    list(debugger.execute("branch start=off@1.."))
+    with pytest.raises(InputError, match="no such kind of fault"):
+        list(debugger.execute("branch mend=jamed:left.lift@5"))
+    with pytest.raises(InputError, match="on or off"):
+        list(debugger.execute("branch start=2@5"))
 
 
 def test_the_command_takes_a_program(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

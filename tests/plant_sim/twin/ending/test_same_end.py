@@ -9,11 +9,13 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from controller.common.stop_request import INTERRUPTED, SIGNALS, StopRequest
+from controller.core.expr import Expr
 from controller.events.kinds import AlarmEvent, as_record
 from controller.fx.language.il import write_il
 from controller.program.states import State
@@ -21,6 +23,7 @@ from plant_sim.cli import run as run_command
 from plant_sim.cli import trial as trial_command
 from plant_sim.cli.main import main
 from plant_sim.crop.seedling import TRAY_CELLS, SeedlingCounts
+from plant_sim.faults import parse_fault
 from plant_sim.machine.plant import Plant
 from plant_sim.twin import live
 from plant_sim.twin.ladder import trial as ladder_trial
@@ -235,6 +238,33 @@ def test_a_machine_at_rest_without_an_alarm_ends_the_trial(
     first, *rest = printed(capsys, "trial", "--fault", fault).splitlines()
     assert first.endswith(f": {state}, without an alarm or a question; no operator after 10 s")
     assert f", {at_s} s of machine time" in rest[1]
+
+
+@pytest.mark.parametrize("fault", [None, "stuck_off:left.lift_up", "stuck_off:left.lift_down@30s.."])
+def test_a_trial_that_nobody_can_stop_looks_rarely_and_ends_at_the_same_time(
+    fault: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Studies run such trials; a look interrupts the machine code."""
+    looks = 0
+    runs_until = Twin.runs_until
+
+    def counting(twin: Twin, condition: Expr | Callable[[], bool], *, for_ms: int) -> bool:
+        nonlocal looks
+        looks += 1
+        return runs_until(twin, condition, for_ms=for_ms)
+
+    monkeypatch.setattr(Twin, "runs_until", counting)
+    faults = () if fault is None else (parse_fault(fault),)
+    found = []
+    with StopRequest() as request:
+        for stop in (request, None):
+            looks = 0
+            report = run_trial(seed=2, trays=1, faults=faults, stop=stop)
+            found.append((looks, replace(report, wall_s=0.0)))
+    (often, watched), (rarely, unwatched) = found
+    assert watched == unwatched
+    assert watched.completed == (fault is None)
+    assert often > 30 * rarely
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -14,10 +14,11 @@ import pytest
 from controller.hmi.modbus.fx3u_map import register_address
 from controller.io.loop import BOUNDS_US, Histogram
 from controller.program.states import State
+from plant_sim.twin.lock_step import CLEAR_MS
 from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import LiveError, Process
 from scripts.benchmark.live import hmi, hmi_load
-from scripts.benchmark.live.hmi import measure_malformed, measure_punctuality
+from scripts.benchmark.live.hmi import Attendant, measure_malformed, measure_punctuality
 from scripts.benchmark.live.ladder_page import measure_ladder_page
 from scripts.benchmark.live.punctuality import Punctuality
 from tests.controller.hmi.hmi_rig import HmiRig, read_long
@@ -135,30 +136,32 @@ class Reporter:
 
 
 class Buttons:
-    """Operator who notes what is done: `start`, and `stop` held and released."""
+    """Operator who notes what is done: `start`, and `stop` pressed for a time, ms."""
 
     def __init__(self) -> None:
         self.done: list[str] = []
 
-    def press(self, button: str) -> None:
-        self.done.append(button)
-
-    def hold(self, button: str, *, pressed: bool) -> None:
-        self.done.append(f"{button} {'held' if pressed else 'released'}")
+    def press(self, button: str, for_ms: int | None = None) -> None:
+        self.done.append(button if for_ms is None else f"{button} {for_ms}")
 
 
-def put_to_work(*reported: State | int) -> list[str]:
+def put_to_work(*reported: State | int, is_patient: bool = False) -> list[str]:
     buttons = Buttons()
-    hmi.put_to_work(cast("Process", Reporter(*reported)), cast("Operator", buttons))
+    attendant = Attendant(cast("Operator", buttons), is_patient=is_patient)
+    hmi.put_to_work(cast("Process", Reporter(*reported)), attendant)
     return buttons.done
 
 
 def test_an_abort_because_of_a_late_scan_is_cleared_before_the_measurement() -> None:
-    started = ["start", "stop released", "start"]
-    assert put_to_work(State.RESETTING, State.IDLE, State.EXECUTE) == started
+    assert put_to_work(State.RESETTING, State.IDLE, State.EXECUTE) == ["start", "start"]
     aborted = (902, State.ABORTING, State.ABORTED, State.CLEARING, State.STOPPED)
     done = put_to_work(State.RESETTING, *aborted, State.RESETTING, State.IDLE, State.EXECUTE)
-    assert done == ["start", "stop held", "stop released", "start", "stop released", "start"]
+    assert done == ["start", f"stop {CLEAR_MS}", "start", "start"]
+
+
+def test_a_patient_operator_homes_a_machine_that_was_held() -> None:
+    held = (958, State.HOLDING, State.HELD, State.RESETTING, State.IDLE, State.EXECUTE)
+    assert put_to_work(State.RESETTING, *held, is_patient=True) == ["start", "start", "start"]
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,6 @@ def test_result(text: str, before: State, after: State) -> None:
         ("DECO D0 D1 K5", {"D1": 1}),
         ("DECO D0 M3070 K2", {"M3070": 1}),
         ("DECO M3070 M0 K3", {"M1": 1}),
-        ("ENCO M0 D0 K3", {"M8": 1, "D0": 5}),
         ("ENCO D0 D1 K5", {"D0": 1}),
         ("BON D0 M0 K16", {"M0": 1}),
         ("DBON D0 M0 K32", {"M0": 1}),
@@ -123,6 +122,13 @@ def test_enco_undoes_deco(value: int) -> None:
     assert sum(rig.memory.M) == 1
     rig.run("ENCO M0 D1 K8")
     assert rig.memory.D[1] == value
+
+
+def test_enco_without_a_bit_is_an_error_and_writes_0() -> None:
+    rig = Rig({"M8": 1, "D0": 5})
+    with pytest.raises(OperationError):
+        rig.run("ENCO M0 D0 K3")
+    assert rig.memory.D[0] == 0
 
 
 def test_ref_reads_only_its_inputs() -> None:

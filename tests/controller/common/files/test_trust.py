@@ -15,7 +15,7 @@ import pytest
 
 from controller.common.files import trust
 from controller.common.files.trust import exposure, secret_exposure, trusted_folder
-from tests.controller.common.trust_rig import private_folders
+from tests.controller.common.files.trust_rig import private_folders
 
 NAME = "program-1"
 WRITABLE = "other users can write it; run chmod go-w on it"
