@@ -12,7 +12,7 @@ from typing import Final
 import pytest
 
 from controller.program.states import State
-from tests.plant_sim.failing_calls.calls import TLS, Calls, Fault
+from tests.plant_sim.failing_calls.calls import TLS, Calls, Fault, Kind, Place
 from tests.plant_sim.failing_calls.modules_run import BEFORE, CONNECTION, LINE, ModulesOutcome, ModulesRun
 from tests.plant_sim.failing_calls.served_serial import SERVED, ServedOutcome, run_served_line
 
@@ -53,12 +53,17 @@ def table() -> list[tuple[bool, Fault]]:
     faults = []
     for unplugged in (False, True):
         for kind, all_places in sorted(reference(unplugged=unplugged).calls.places.items()):
-            places = [place for place in all_places if place[0] < BEFORE]
+            places = [place for place in all_places if place[0] < BEFORE and is_sure(kind, place)]
             if kind.party in PARTIES and places and (kind.call in EXCHANGES) != unplugged:
                 numbers = sorted({0, len(places) // 2, len(places) - 1})
                 faults += [(unplugged, Fault(kind, name, places[n], n)) for n in numbers for name in kind.faults()]
     random.Random(SEED).shuffle(faults)
     return faults
+
+
+def is_sure(kind: Kind, place: Place) -> bool:
+    """Return whether a call occurs in every run; how often a handshake is repeated in a scan depends on the server."""
+    return kind.call != "do_handshake" or place[1] == 0
 
 
 def findings(fault: Fault, *, unplugged: bool) -> list[str]:

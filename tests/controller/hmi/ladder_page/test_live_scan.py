@@ -155,15 +155,32 @@ UNREADABLE = (
 """Comparisons, outputs and loops of arbitrary programs with a state that no client can read."""
 
 
-@pytest.mark.parametrize("programs", first_of([15, 600], 1))
-def test_scans_of_arbitrary_programs_are_shown_as_executed_or_not_at_all(programs: int) -> None:
+UNCLEAR_TIMERS = ("OUT T0 D0", "MOV D0 T0")
+"""Outputs that make the start of a timer unknown in arbitrary programs, which drive and reset it elsewhere too."""
+
+
+@pytest.mark.parametrize(
+    ("programs", "excluded", "least_equal"),
+    first_of(
+        [
+            (15, (*UNREADABLE, *UNCLEAR_TIMERS), 0.75),
+            (600, (*UNREADABLE, *UNCLEAR_TIMERS), 0.75),
+            (600, UNREADABLE, 0.7),
+        ],
+        1,
+    ),
+    ids=["15", "600", "600 with unclear timers"],
+)
+def test_scans_of_arbitrary_programs_are_shown_as_executed_or_not_at_all(
+    programs: int, excluded: tuple[str, ...], least_equal: float
+) -> None:
     tally = Tally()
     story = settings(max_examples=programs, derandomize=True, database=None)(
-        given(arbitrary.programs(lambda text: text not in UNREADABLE), arbitrary.STORIES)(tally.add_program)
+        given(arbitrary.programs(lambda text: text not in excluded), arbitrary.STORIES)(tally.add_program)
     )
     story()
     assert tally.total() > 4 * programs
-    assert tally["equal"] > 2 / 3 * tally.total()
+    assert tally["equal"] > least_equal * tally.total()
     assert tally["wrong"] == 0
 
 
