@@ -14,7 +14,9 @@ from controller.core.devices import PROGRAM_RANGES, free_spans
 from controller.core.expr import Bit, Word, readable
 from controller.core.sequence import Sequence as StepSequence
 from controller.core.sequence import Step
+from controller.fx.language.cpu_model import CPU_MODELS
 from controller.fx.language.instruction_set import FORMS, KINDS
+from controller.fx.language.operand_rules import limits
 from controller.fx.language.special_devices import PROVIDED
 from controller.io.durability import MEANINGS, Durability, durability
 from controller.program.alarms.guide import likely_causes
@@ -303,9 +305,18 @@ def instruction_table(_: Transplanter) -> str:
         "page lists the second opinion on each instruction."
     )
     return (
-        f"# Instructions\n\n{GENERATED}\n\n{marks}\n\n{reference_table(heading, *rows)}\n## Special devices\n\n"
+        f"# Instructions\n\n{GENERATED}\n\n{marks}\n\n{reference_table(heading, *rows)}\n## Devices\n\n"
+        f"{_devices_of_cpus()}\n## Special devices\n\n"
         f"{reference_table(('devices', 'function in the engine'), *PROVIDED.items())}"
     )
+
+
+def _devices_of_cpus() -> str:
+    """Return a table of the devices of each CPU model, with the values of the option `--cpu` as heading."""
+    models = CPU_MODELS.values()
+    kinds = dict.fromkeys(kind for model in models for kind in model.ranges)
+    rows = [(kind, *(limits(kind, model) if kind in model.ranges else "" for model in models)) for kind in kinds]
+    return reference_table(("device", *CPU_MODELS), *rows)
 
 
 def thread_table(_: Transplanter) -> str:

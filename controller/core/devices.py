@@ -44,6 +44,8 @@ PROGRAM_RANGES: Final = {
     "S": ((range(20, 500), "steps"), (ANNUNCIATORS, "alarms")),
 }
 """Ranges that a program allocates: those whose retention does not depend on the parameter settings."""
+EXTENSION: Final = 8512
+"""Place of R0 in the list of data registers: those of an FX3U are followed by its extension registers R."""
 RUN_MONITOR: Final = 8000
 INITIAL_PULSE: Final = 8002
 CLOCK_1_S: Final = 8013
@@ -127,7 +129,7 @@ class Memory:
         S: States; S900-S999 are annunciators.
         T: Timer contacts.
         C: Counter contacts.
-        D: Data registers.
+        D: Data registers, in an FX3U followed by the extension registers.
         TV: Current values of the timers, in their time base.
         TS: Tick at which a running timer was started or last incremented; -1 while it is stopped.
         CV: Current values of the counters.
@@ -161,11 +163,15 @@ class Memory:
         return bits
 
     def word(self, kind: str, number: int) -> int:
-        """Return a word: a data register, or the current value of a timer or counter."""
+        """Return a word: a data or extension register, or the current value of a timer or counter."""
+        if kind == "R":
+            return self.D[EXTENSION + number]
         words = {"D": self.D, "T": self.TV, "C": self.CV}[kind]
         return words[number]
 
     def set_word(self, kind: str, number: int, value: int) -> None:
-        """Write a word: a data register, or the current value of a timer or counter."""
+        """Write a word: a data or extension register, or the current value of a timer or counter."""
+        if kind == "R":
+            kind, number = "D", EXTENSION + number
         words = {"D": self.D, "T": self.TV, "C": self.CV}[kind]
         words[number] = value

@@ -10,7 +10,7 @@ from typing import Any, Final, Protocol
 
 from controller.common.errors import InputError
 from controller.common.suggestion import suggestion
-from controller.core.devices import ANNUNCIATORS, Memory, device_name
+from controller.core.devices import ANNUNCIATORS, EXTENSION, Memory, device_name
 from controller.debug.condition import Condition
 from controller.debug.machine import DebugSignal, OutsideEntry, RunEvent, ScanStart, Value, copied
 from controller.debug.scan_observer import ScanObserver
@@ -28,7 +28,7 @@ from controller.fx.stimulus.stimulus import Stimulus, Values, WatchedDevice, dev
 _ROWS: Final = {"X": "X", "Y": "Y", "M": "M", "S": "S", "T": "T", "TN": "TV", "C": "C", "CN": "CV", "D": "D"}
 """Row of the memory by kind of device, in the order of a table."""
 _LEVELS: Final = {"on": 1, "off": 0}
-_DEVICE: Final = re.compile(r"(TN|CN|[XYMSTCDVZ])\d+", re.IGNORECASE)
+_DEVICE: Final = re.compile(r"(TN|CN|[XYMSTCDRVZ])\d+", re.IGNORECASE)
 
 
 def record_run(
@@ -189,11 +189,12 @@ class FxMachine:
     def devices(self) -> Mapping[str, Value]:
         """Return the values of all devices by name."""
         memory = self.running.plc.memory
-        return {
+        values = {
             device_name(kind, number): int(value)
             for kind, row in _ROWS.items()
-            for number, value in enumerate(getattr(memory, row).copy())
+            for number, value in enumerate(getattr(memory, row)[:EXTENSION])
         }
+        return values | {f"R{number}": value for number, value in enumerate(memory.D[EXTENSION:])}
 
     def image(self, kinds: str, /) -> object:
         """Return a copy of all devices of some kinds."""

@@ -22,7 +22,7 @@ from controller.fx.observation.observed_plc import ObservedPlc
 
 _SPECIAL: Final = 8000
 """First of the special relays and registers."""
-_WORDS: Final = {"D": "D", "T": "TV", "C": "CV"}
+_WORDS: Final = frozenset("DRTC")
 
 
 @lru_cache(maxsize=4)
@@ -62,8 +62,8 @@ class ScanObserver:
         self.reference = machine.explained.reference
         self._plc = _observed_plc(machine.ladder)
         work = set(machine.work)
-        used = sorted(key for key in devices_of(machine.ladder) if key[0] in "XYMSTCD" and key not in work)
-        self._compared = [key for key in used if key[1] < _SPECIAL]
+        used = sorted(key for key in devices_of(machine.ladder) if key[0] in "XYMSTCDR" and key not in work)
+        self._compared = [key for key in used if key[1] < _SPECIAL or key[0] == "R"]
         self._latest: tuple[RunTimeline, int, RecordedScan] | None = None
 
     def observe(self, line: RunTimeline, scan: int) -> RecordedScan:
@@ -99,7 +99,7 @@ class ScanObserver:
     def _differing(self, recorded: Memory) -> Iterator[str]:
         own = self._plc.memory
         for kind, number in self._compared:
-            differs = kind != "D" and own.bits(kind)[number] != recorded.bits(kind)[number]
+            differs = kind not in "DR" and own.bits(kind)[number] != recorded.bits(kind)[number]
             if kind in _WORDS:
                 differs = differs or own.word(kind, number) != recorded.word(kind, number)
             if differs:

@@ -24,7 +24,6 @@ from controller.io.panel_watch import PanelWatch
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter
 from controller.io.scan_writes import ScanWrite, ScanWrites
 from controller.program.machine import Transplanter
-from controller.program.set_points import SetPointError
 from controller.program.states import State
 
 Observer = Callable[[int, Plc], None]
@@ -267,24 +266,10 @@ class Runtime(Saved):
         Raises:
             SetPointError: A set-point is unknown, or a value is out of range; nothing is changed.
         """
-        changes = self.checked(values)
+        changes = self.machine.tags.sp.changes(values)
         with self.gate:
             self._orders.append(changes)
             self.panel.heartbeat()
-
-    def checked(self, values: Mapping[str, str]) -> Sequence[tuple[Word, int]]:
-        """Return the words of set-points and their new values.
-
-        Raises:
-            SetPointError: A set-point is unknown, or a value is out of range.
-        """
-        set_points = self.machine.tags.sp
-        changes = [set_points.checked(name, value) for name, value in values.items()]
-        if any(word in set_points.constants for word, _ in changes):
-            raise SetPointError(
-                "a machine parameter cannot change while the controller runs; set it at start-up with --set"
-            )
-        return changes
 
     def submit(self, changes: Sequence[tuple[Bit | Word, int]], act: Callable[[], None] = lambda: None) -> ScanWrite:
         """Write devices in the next scan, all in the same one, after calling `act`, which may refuse; thread-safe."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from controller.common.declarations import DeclarationError
@@ -240,3 +240,16 @@ class SetPoints:
         if not lowest <= int(text) <= highest:
             raise SetPointError(f"must be {lowest} to {highest}")
         return word, int(text)
+
+    def changes(self, values: Mapping[str, str]) -> list[tuple[Word, int]]:
+        """Return the words and new values of set-points that change while the controller runs.
+
+        Raises:
+            SetPointError: A set-point is unknown or a machine constant, or a value is out of range.
+        """
+        changes = [self.checked(name, value) for name, value in values.items()]
+        if any(word in self.constants for word, _ in changes):
+            raise SetPointError(
+                "a machine parameter cannot change while the controller runs; set it at start-up with --set"
+            )
+        return changes

@@ -33,7 +33,12 @@ def run(options: argparse.Namespace) -> int:
     machine = warn_of_ratings(load_machine(options.machine))
     write = None if options.out is None else _writer(options.out, provenance, picture_form(options))
     result = line_result(
-        options.line, profile=options.profile, metres=options.metres, seed=options.seed, machine=machine
+        options.line,
+        profile=options.profile,
+        metres=options.metres,
+        seed=options.seed,
+        machine=machine,
+        repeat=options.repeat,
     )
     if options.json:
         print_json(with_changes(options, result.record()), provenance)

@@ -83,7 +83,7 @@ def _write_falls(planter: Planter, ranges: Ranges, folder: Path) -> None:
 
 
 def _print_progress(ground: Ground, done: int, total: int) -> None:
-    sys.stderr.write(f"{ground}: {done} of {total} ratios\n")
+    sys.stderr.write(f"{ground}: {done} of {total} motions\n")
     sys.stderr.flush()
 
 

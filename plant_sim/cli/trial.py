@@ -116,7 +116,7 @@ def _ladder_trial(options: argparse.Namespace) -> int:
     if options.json:
         print_json(with_changes(options, {"scans": [row.record() for row in rows]}), provenance)
     else:
-        print("\n".join([*changed_machine(options), *table(rows)]))
+        print("\n".join([*changed_machine(options), table(rows)]), end="")
     return _exit_code(options, succeeded=all(report.completed for row in rows for report in row.reports))
 
 

@@ -17,7 +17,7 @@ from controller.common.yaml_model import StrictModel
 PAPER_DATA: Final = Path(__file__).with_name("paper_data")
 
 PaperName = Literal["pepper", "cabbage"]
-ItemState = Literal["reproduced", "compared", "described", "not reproducible"]
+ItemState = Literal["reproduced", "fitted", "illustrated", "compared", "described", "not reproducible"]
 ITEM_STATES: Final[Sequence[ItemState]] = get_args(ItemState)
 
 

@@ -38,7 +38,11 @@ class Drive(Protocol):
 
 
 class WheelDrive:
-    """Drive by a ground wheel through a fixed gear: the cycles per metre depend on the slip only."""
+    """Drive by a ground wheel through a fixed gear: the cycles per metre depend on the slip only.
+
+    Attributes:
+        slip: Slip of the wheel.
+    """
 
     def __init__(self, profile: SpeedProfile, slip: WheelSlip, *, per_wheel_m: float) -> None:
         """Initialise the drive.
@@ -49,7 +53,7 @@ class WheelDrive:
             per_wheel_m: Cycles per metre of travel of the wheel, 1/m.
         """
         self._profile = profile
-        self._slip = slip
+        self.slip = slip
         self._per_wheel_m = per_wheel_m
 
     @property
@@ -59,12 +63,12 @@ class WheelDrive:
 
     def cycles_at(self, time_s: ArrayLike) -> Floats:
         """Return the number of cycles at given times."""
-        return self._per_wheel_m * self._slip.wheel_at(self._profile.travel_at(time_s))
+        return self._per_wheel_m * self.slip.wheel_at(self._profile.travel_at(time_s))
 
     def time_at(self, cycles: ArrayLike) -> Floats:
         """Return the earliest times at which given numbers of cycles are reached, s."""
         wheel_m = np.asarray(cycles, dtype=np.float64) / self._per_wheel_m
-        return self._profile.time_at(self._slip.travel_at(wheel_m))
+        return self._profile.time_at(self.slip.travel_at(wheel_m))
 
     def rate_at(self, time_s: ArrayLike) -> Floats:
         """Return the cycles per second at given times, 1/s."""
@@ -72,7 +76,7 @@ class WheelDrive:
 
     def per_m_at(self, time_s: ArrayLike) -> Floats:
         """Return the cycles per metre of travel at given times, 1/m."""
-        return self._per_wheel_m * (1 - self._slip.at(self._profile.travel_at(time_s)))
+        return self._per_wheel_m * (1 - self.slip.at(self._profile.travel_at(time_s)))
 
 
 class MotorDrive:

@@ -28,6 +28,7 @@ _STANDSTILL_M_S = 1e-6
 _SPACINGS_M = (0.1, 2.0)
 """Valid range of the parameter `ground.plant_spacing_m`, m."""
 _MOST_SLIP = 0.95
+_ROUNDING = 1e-6
 _LOADED_LIMIT_MS = 120_000
 _LOADING_PER_MIN = 45.0
 """Planting frequency at which the operator turns the cups before the row begins, 1/min; assumed."""
@@ -76,6 +77,9 @@ class ArmsFeed:
     Attributes:
         twin: The twin.
         rows: Contents of the cups of each row, left first, available after `run`.
+        sensor: Scans at which the ground-speed sensor of the twin could not represent the slip, and all scans.
+        air_l: Air that the arms have used during `run`, L ANR.
+        duration_s: Duration of `run`, s.
     """
 
     def __init__(self, machine: Machine, *, seed: int, cups: int, frequency_per_min: float, spacing_m: float) -> None:
@@ -114,6 +118,8 @@ class ArmsFeed:
         self._start_m = [arm.cups.chain_m for arm in self._arms]
         self._first = [_first_filled(arm.row) for arm in self._arms]
         self.rows: list[FedRow] = []
+        self.sensor = (0, 0)
+        self.air_l = self.duration_s = 0.0
 
     def first_cycles(self, cups_to_planting: int) -> list[float]:
         """Return the cycles of the drive at which the first cup of each row is at the planting position.
@@ -140,6 +146,7 @@ class ArmsFeed:
         cycles = drive.cycles_at(times_s)
         slips = self._slips(np.diff(cycles), np.diff(profile.travel_at(times_s)))
         drives = [(arm.cups, start_m) for arm, start_m in zip(self._arms, self._start_m, strict=True)]
+        before_l = self.twin.plant.air_l
         per_min, ground = 60 / self._pitch_m, self.twin.plant.ground
         for target_m, slip in zip((self._pitch_m * cycles[1:]).tolist(), slips.tolist(), strict=True):
             ground.slip = slip
@@ -147,6 +154,7 @@ class ArmsFeed:
                 wanted_m_s = (start_m + target_m - cups.chain_m) / scan_s
                 cups.planting_frequency_per_min = per_min * wanted_m_s if wanted_m_s > _STANDSTILL_M_S else 0.0
             self.twin.scan()
+        self.air_l, self.duration_s = self.twin.plant.air_l - before_l, float(times_s[-1])
         self.rows = [
             _fed(arm.row.passed or [], first, first_cycle)
             for arm, first, first_cycle in zip(
@@ -169,6 +177,8 @@ class ArmsFeed:
         wheel_m = self._spacing_m * cycles
         share = np.divide(wheel_m, travel_m, out=np.ones_like(wheel_m), where=travel_m > 0)
         slips: Floats = np.clip(1 - share, 0.0, _MOST_SLIP)
+        beyond = np.maximum(-(1 - share), (1 - share) - _MOST_SLIP)
+        self.sensor = int(np.count_nonzero(beyond > _ROUNDING)), len(slips)
         return slips
 
     def _load(self) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
@@ -17,51 +17,44 @@ from controller.common.yaml_lines import LocatedMapping, dotted, read_yaml, unfo
 from controller.common.yaml_model import StrictModel, validated
 from plant_sim.common.units import QuantityError, parse_quantity
 from plant_sim.line.errors import LineError
+from plant_sim.line.quantities import (
+    Acceleration,
+    Cycles,
+    Distance,
+    Duration,
+    Efficiency,
+    Factor,
+    FieldLength,
+    Force,
+    Grade,
+    Lag,
+    Patch,
+    Phase,
+    Rate,
+    Seedlings,
+    Share,
+    Slip,
+    Spacing,
+    Speed,
+    Width,
+    is_bare,
+)
 
 LINES = Path(__file__).with_name("lines")
 
 _DEPTH = 4
 _SOURCE = re.compile(r"(.*),\s*(paper|catalogue|computed|assumed)\s*")
-_NUMBER = re.compile(r"[-+.\deE\s]+")
 _File = TypeVar("_File", bound="SourcedFile")
-
-
-def _quantity(unit: str, low: float, high: float, example: str) -> BeforeValidator:
-    """Return a validator that converts a string with a unit to a number and checks its range."""
-
-    def read(value: object) -> float:
-        if not isinstance(value, str | int) or isinstance(value, bool):
-            raise ValueError(f"must be a number with its unit, such as {example}")
-        text = str(value)
-        number = parse_quantity(text, unit)
-        if unit != "-" and number and _NUMBER.fullmatch(text):
-            raise QuantityError(f"{text!r}: the unit is missing; write for example {example}")
-        if not low <= number <= high:
-            raise ValueError(f"{text} is out of range; must be {low:g} to {high:g} {unit.replace('-', '')}".rstrip())
-        return number
-
-    return BeforeValidator(read)
-
-
-Share = Annotated[float, _quantity("-", 0.0, 1.0, "5 %")]
-Slip = Annotated[float, _quantity("-", 0.0, 0.9, "5 %")]
-Grade = Annotated[float, _quantity("-", -0.5, 0.5, "8 %")]
-Factor = Annotated[float, _quantity("-", 0.0, 10.0, "1.5")]
-Cycles = Annotated[float, _quantity("-", -0.5, 0.5, "5 %")]
-Spacing = Annotated[float, _quantity("m", 0.1, 2.0, "40 cm")]
-Distance = Annotated[float, _quantity("m", 0.0, 1.0, "15 mm")]
-Patch = Annotated[float, _quantity("m", 0.05, 100.0, "1 m")]
-Speed = Annotated[float, _quantity("m/s", 0.01, 5.0, "1.5 km/h")]
-Duration = Annotated[float, _quantity("s", 0.0, 3600.0, "0.2 s")]
-Lag = Annotated[float, _quantity("s", 0.01, 60.0, "0.5 s")]
-Acceleration = Annotated[float, _quantity("m/s2", 0.01, 5.0, "0.3 m/s2")]
-Rate = Annotated[float, _quantity("1/min", 1.0, 1000.0, "90/min")]
-Force = Annotated[float, _quantity("N", 1.0, 1000.0, "91.83 N")]
 
 
 def _count(value: object) -> object:
     """Return the number if the value is a string of digits; a number with a source is written as a string."""
     return int(value) if isinstance(value, str) and value.isdecimal() else value
+
+
+def _assumed(text: str) -> Any:
+    """Return a field whose default is an assumed value, written as in a file."""
+    return Field(text, validate_default=True)
 
 
 class Extent(BaseModel):
@@ -80,7 +73,7 @@ def _extent(value: object) -> Extent:
 
 
 def _positive(number: float, text: str) -> float:
-    if _NUMBER.fullmatch(text) or number <= 0:
+    if is_bare(text) or number <= 0:
         raise ValueError(f"{text!r}: must be a length or a time above 0 with its unit, such as 200 m or 60 s")
     return number
 
@@ -192,12 +185,26 @@ class NozzleEntry(StrictModel):
 
 
 class ChuteEntry(StrictModel):
-    """Chute from a cup to the planter below it."""
+    """Chute from a cup to the planter below it.
+
+    The phase is set on the machine: the planting cycles from the cup above the chute to the middle of the catch window.
+    It is given directly, or by the planting frequency at which a plug with the mean transit time arrives in this
+    middle; without either, that frequency follows from the ground.
+    """
 
     transit: Duration
     scatter: Duration = 0.0
     window: Share = Field(description="write the catch window as a share of the planting cycle, such as 40 %")
+    phase: Phase | None = None
+    design_frequency: Rate | None = None
     phase_error: Cycles = 0.0
+    most_lost: Share = _assumed("1 %")
+
+    @model_validator(mode="after")
+    def _check(self) -> ChuteEntry:
+        if self.phase is not None and self.design_frequency is not None:
+            raise ValueError("phase and design_frequency state the same setting; remove one of them")
+        return self
 
 
 class PlanterEntry(StrictModel):
@@ -206,6 +213,40 @@ class PlanterEntry(StrictModel):
     soil: Literal["bench_soil", "rigid_ground"] = Field("bench_soil", description="write bench_soil or rigid_ground")
     clamp: Force | None = None
     unreleased: Share = 0.0
+
+
+class TargetsEntry(StrictModel):
+    """Targets by which a row is judged; all defaults are assumed.
+
+    Targets of a standard are not included, because no text of one was available.
+    """
+
+    qualified: Share = _assumed("85 %")
+    upright: Share = _assumed("90 %")
+    tilted: Share = _assumed("10 %")
+    lodged: Share = _assumed("5 %")
+    scraped: Share = _assumed("1 %")
+    injured: Share = _assumed("5 %")
+    missed: Share = _assumed("5 %")
+    double: Share = _assumed("2 %")
+    depth: Distance = _assumed("60 mm")
+    depth_tolerance: Distance = _assumed("20 mm")
+    depth_cv: Share = _assumed("20 %")
+    depth_qualified: Share = _assumed("80 %")
+    spacing_deviation: Share = _assumed("10 %")
+    spacing_cv: Share = _assumed("20 %")
+    spacing_quality: Share = _assumed("90 %")
+
+
+class WorkEntry(StrictModel):
+    """Field, turning and reloading, for the area capacity; all defaults are assumed."""
+
+    row_length: FieldLength = _assumed("100 m")
+    row_spacing: Width = _assumed("60 cm")
+    turn: Duration = _assumed("30 s")
+    load: Seedlings = _assumed("1440")
+    reload: Duration = _assumed("5 min")
+    compressor: Efficiency = _assumed("50 %")
 
 
 class LineFile(SourcedFile):
@@ -220,6 +261,8 @@ class LineFile(SourcedFile):
     chute: ChuteEntry | None = None
     nozzle: NozzleEntry | None = None
     planter: PlanterEntry | None = None
+    targets: TargetsEntry = TargetsEntry()
+    work: WorkEntry = WorkEntry()
 
     @model_validator(mode="after")
     def _check(self) -> LineFile:
@@ -287,7 +330,19 @@ def load_line(path: Path) -> SourcedLine:
         LineError: The file cannot be read or is invalid.
     """
     values, assumed = _load(path, LineFile)
-    return SourcedLine(path=path, assumed=assumed, values=values)
+    return SourcedLine(path=path, assumed=(*assumed, *_defaults(values)), values=values)
+
+
+def _defaults(line: LineFile) -> list[str]:
+    """Return key and default, as text, of every assumed value that a line file does not state."""
+    sections = {"targets": line.targets, "work": line.work, "chute": line.chute}
+    return [
+        f"{section}.{name} {field.default} (default)"
+        for section, entry in sections.items()
+        if entry is not None
+        for name, field in type(entry).model_fields.items()
+        if field.validate_default and name not in entry.model_fields_set
+    ]
 
 
 def load_ground(path: Path) -> SourcedGround:

@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 
 MOST_SLIP = 0.9
 """Upper limit of the slip; assumed. A wheel with more slip is considered blocked."""
+LEAST_SLIP = -0.5
+"""Lower limit of the slip; assumed. A wheel that sinks in, or that rolls over ridges, turns further than the tractor
+drives over level ground, so that its slip is negative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,12 +165,36 @@ class SpeedProfile:
             self._knots.append((time_s + for_s, end_m_s, travel_m + for_s * (speed_m_s + end_m_s) / 2))
 
 
+def mean_set_speed_m_s(stretches: Sequence[Stretch]) -> float:
+    """Return the mean of the set speeds over the travel of all stretches, m/s.
+
+    The mean does not depend on the order of stretches with a speed of their own. The changes of speed between two
+    stretches are not considered; a ramp counts with the mean of its two speeds, and a stop, which has no travel, not at
+    all.
+
+    >>> mean_set_speed_m_s([Stretch(0.2, for_m=30.0), Stretch(0.0, for_s=9.0), Stretch(0.4, for_m=10.0)])
+    0.25
+    """
+    speed_m_s = next((each.target_m_s for each in reversed(stretches) if each.target_m_s), 0.0)
+    means_m_s, lengths_m = [], []
+    for stretch in stretches:
+        mean_m_s = (speed_m_s + stretch.target_m_s) / 2 if stretch.is_ramp else stretch.target_m_s
+        length_m = (stretch.for_s or 0.0) * mean_m_s if stretch.for_m is None else stretch.for_m
+        means_m_s.append(mean_m_s * length_m)
+        lengths_m.append(length_m)
+        speed_m_s = stretch.target_m_s
+    return math.fsum(means_m_s) / math.fsum(lengths_m)
+
+
 class WheelSlip:
     """Travel of a ground wheel that is driven by the soil, reduced by slip.
+
+    The slip of a patch is normally distributed and may be negative, so that its mean is that of the distribution.
 
     Attributes:
         edges_m: Positions of the tractor between which the slip is constant, in ascending order, m.
         slip: Slip from each of these positions to the next.
+        limited: True from each position at which the drawn slip was beyond `LEAST_SLIP` or `MOST_SLIP`.
     """
 
     def __init__(self, spec: SlipSpec, profile: SpeedProfile, rng: np.random.Generator) -> None:
@@ -187,7 +214,8 @@ class WheelSlip:
         slip = drawn[(middles_m / spec.patch_m).astype(np.int64)]
         for start_m, end_m, grade in profile.grades:
             slip[(middles_m > start_m) & (middles_m < end_m)] += spec.per_grade * grade
-        self.slip = np.clip(slip, 0.0, MOST_SLIP)
+        self.slip = np.clip(slip, LEAST_SLIP, MOST_SLIP)
+        self.limited = self.slip != slip
         self._wheel_m = np.concatenate(([0.0], np.cumsum((1 - self.slip) * np.diff(self.edges_m))))
 
     def wheel_at(self, travel_m: ArrayLike) -> Floats:

@@ -122,8 +122,8 @@ def spacing_indices(rows_m: Sequence[Floats], set_m: float) -> SpacingIndices:
 def planting_rates(rows: Sequence[PlantRow]) -> dict[str, Rate]:
     """Return the rates of all rows.
 
-    A qualified position has a single plant that is neither lodged nor injured. Qualified, missed and double positions
-    are shares of all positions, lodged and injured ones of the positions with a plant. If injury is not
+    A qualified position has a single plant that is upright, not scraped and not injured. Qualified, missed and double
+    positions are shares of all positions, lodged and injured ones of the positions with a plant. If injury is not
     modelled, the injured rate is absent and injury is not considered in the qualified rate.
     """
     released = sum(row.released for row in rows)
@@ -140,7 +140,7 @@ def planting_rates(rows: Sequence[PlantRow]) -> dict[str, Rate]:
 
 
 def _qualified(row: PlantRow) -> int:
-    qualified = (row.seedlings == 1) & (row.stand != Stand.LODGED)
+    qualified = (row.seedlings == 1) & (row.stand == Stand.UPRIGHT) & ~row.scraped
     return int(np.count_nonzero(qualified if row.injured is None else qualified & ~row.injured))
 
 

@@ -6,17 +6,19 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from plant_sim.line.drive import Drive
 from plant_sim.line.file import ChuteEntry, NozzleEntry
 from plant_sim.line.ground import Floats, SpeedProfile
 from plant_sim.line.injury import CabbageInjury
-from plant_sim.line.row import NO_PLANT, FedRow, Flags, Integers, Missing, PlantRow
+from plant_sim.line.row import NO_PLANT, FedRow, Flags, HandoverCount, Integers, Missing, PlantRow, TractorMotion
 from plant_sim.planter.falls import Falls, FallTable
 from plant_sim.planter.verdict import Stand
 
 CARRIED_CYCLES: Final = 3.0
 """Planting cycles from gripping to release: half of the six planters of the chain; assumed."""
+_STEADY_M_S: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -40,9 +42,9 @@ class ChainPlanter:
         """Distance between two planters along the chain, m."""
         return self.table.planter.chain.pitch_m
 
-    def draw(self, ratio: Floats, rng: np.random.Generator) -> Falls:
-        """Return one fall for each ratio lambda."""
-        return self.table.draw(ratio, rng, clamp_n=self.clamp_n)
+    def draw(self, ratio: Floats, rng: np.random.Generator, *, frequency_per_min: ArrayLike) -> Falls:
+        """Return one fall for each ratio lambda at the planting frequency of each block, or of all blocks, 1/min."""
+        return self.table.draw(ratio, rng, frequency_per_min=frequency_per_min, clamp_n=self.clamp_n)
 
 
 class Transport(NamedTuple):
@@ -53,12 +55,28 @@ class Transport(NamedTuple):
         cause: `Missing` of each empty planter.
         lost: Blocks lost at the handover.
         phase: Deviation of each arrival from the middle of the catch window, in planting cycles; empty without a chute.
+        arrivals: Seedlings of each cup that has passed the chute, in order.
+        lost_of: Those of them that no planter has caught.
+        tractor: `TractorMotion` while they fell.
     """
 
     seedlings: Integers
     cause: Integers
     lost: int
     phase: Floats
+    arrivals: Integers = np.empty(0, dtype=np.int64)
+    lost_of: Integers = np.empty(0, dtype=np.int64)
+    tractor: Integers = np.empty(0, dtype=np.int64)
+
+    def handovers(self, cups: int) -> tuple[HandoverCount, ...]:
+        """Return the handovers of the first cups by the motion of the tractor; empty without a chute."""
+        if not len(self.arrivals):
+            return ()
+        arrivals, lost, tractor = self.arrivals[:cups], self.lost_of[:cups], self.tractor[:cups]
+        return tuple(
+            HandoverCount(each, int(arrivals[tractor == each].sum()), int(lost[tractor == each].sum()))
+            for each in TractorMotion
+        )
 
 
 @dataclass(frozen=True)
@@ -150,19 +168,19 @@ def plant_by_nozzle(entry: NozzleEntry, fed: FedRow, course: Course, rng: np.ran
 
 
 def drop_through_chute(
-    entry: ChuteEntry, fed: FedRow, course: Course, *, set_frequency_hz: float, rng: np.random.Generator
+    entry: ChuteEntry, fed: FedRow, course: Course, *, phase_cycles: float, rng: np.random.Generator
 ) -> Transport:
     """Return the blocks that the planters catch from the cups above them.
 
-    The phase between cups and planters is set so that a plug with the mean transit time arrives in the middle of the
-    catch window at the set frequency. A plug that arrives outside the window of a planter is lost; a plug that
-    arrives in the window of another planter is caught by that planter.
+    A plug that arrives outside the window of a planter is lost; a plug that arrives in the window of another planter is
+    caught by that planter. While the tractor is stopped, no cup passes the chute; a plug that is still falling when the
+    drive stops arrives at the phase at which the planters stand.
 
     Args:
         entry: Parameters of the chute.
         fed: Cups of the row; `first_cycle` is the cycle at which the first cup is over the chute.
         course: Drive and ground.
-        set_frequency_hz: Planting frequency for which the phase is set, 1/s.
+        phase_cycles: Planting cycles from the cup above the chute to the middle of the catch window.
         rng: Source of the random numbers.
     """
     cycles = fed.first_cycle + np.arange(len(fed.seedlings))
@@ -170,7 +188,7 @@ def drop_through_chute(
     time_s = course.drive.time_at(cycles)
     transit_s = np.maximum(rng.normal(entry.transit, entry.scatter, len(cycles)), 0.0)
     passed = course.drive.cycles_at(time_s + transit_s) - cycles
-    phase = passed - entry.transit * set_frequency_hz + entry.phase_error
+    phase = passed - phase_cycles + entry.phase_error
     filled = fed.seedlings[: len(cycles)]
     shift = np.rint(phase).astype(np.int64)
     target = np.arange(len(cycles)) + shift
@@ -178,7 +196,17 @@ def drop_through_chute(
     seedlings = np.zeros_like(fed.seedlings)
     np.add.at(seedlings, target[caught], filled[caught])
     cause = np.where(seedlings > 0, Missing.NONE, np.where(fed.seedlings > 0, Missing.HANDOVER, fed.cause))
-    return Transport(seedlings, cause.astype(np.int64), int(filled[~caught].sum()), phase[filled > 0])
+    lost_of = np.where(caught, 0, filled)
+    tractor = _tractor(course.profile, time_s, entry.transit)
+    return Transport(seedlings, cause.astype(np.int64), int(lost_of.sum()), phase[filled > 0], filled, lost_of, tractor)
+
+
+def _tractor(profile: SpeedProfile, time_s: Floats, for_s: float) -> Integers:
+    """Return the `TractorMotion` in a period after each time."""
+    before_m_s, after_m_s = profile.speed_at(time_s), profile.speed_at(time_s + for_s)
+    changes = np.abs(after_m_s - before_m_s) > _STEADY_M_S
+    motion = np.where(changes, TractorMotion.CHANGES, TractorMotion.STEADY)
+    return np.where(after_m_s <= _STEADY_M_S, TractorMotion.STOPS, motion).astype(np.int64)
 
 
 def plant_by_chain(
@@ -203,7 +231,9 @@ def plant_by_chain(
     after = _released(fed, at.number, planter.unreleased, rng)
     planted = after.seedlings > 0
     ratio = planter.pitch_m * course.drive.per_m_at(at.time_s)
-    fall = planter.draw(ratio, rng)
+    per_min = 60 * course.drive.rate_at(at.time_s)
+    simulated_per_min = planter.table.grid.frequencies_per_min
+    fall = planter.draw(ratio, rng, frequency_per_min=per_min)
     injured, injury_within = _injuries(planter, at, planted, course, rng)
     return _row(
         at,
@@ -219,6 +249,8 @@ def plant_by_chain(
         within=~planted | fall.within,
         injury_within=injury_within,
         phase=transport.phase,
+        handovers=transport.handovers(at.number),
+        frequency_within=~planted | ((per_min >= simulated_per_min[0]) & (per_min <= simulated_per_min[-1])),
     )
 
 

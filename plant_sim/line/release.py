@@ -31,7 +31,7 @@ class ReleaseForecast:
         upright: Share of upright plants.
         lodged: Share of lodged plants.
         scraped: Share of the plants that the guide plate touches after they have reached the ground.
-        within: True if lambda is within the range of the fall table.
+        within: True if lambda and the planting frequency are within the range of the fall table.
     """
 
     spacing_m: float
@@ -77,20 +77,24 @@ class ReleaseForecast:
         )
 
 
-def forecasts(spacings_m: Sequence[float], planter: ChainPlanter, *, seed: int) -> tuple[ReleaseForecast, ...]:
+def forecasts(
+    spacings_m: Sequence[float], planter: ChainPlanter, *, speed_m_s: float, seed: int
+) -> tuple[ReleaseForecast, ...]:
     """Return the forecasts for several spacings, in ascending order.
 
     Args:
         spacings_m: Plant spacings, m.
         planter: The planter.
+        speed_m_s: Speed of the machine, from which the planting frequency at a spacing follows, m/s.
         seed: Seed of the random numbers.
     """
-    return tuple(_forecast(spacing_m, planter, seed) for spacing_m in sorted(set(spacings_m)))
+    return tuple(_forecast(spacing_m, planter, speed_m_s, seed) for spacing_m in sorted(set(spacings_m)))
 
 
-def _forecast(spacing_m: float, planter: ChainPlanter, seed: int) -> ReleaseForecast:
+def _forecast(spacing_m: float, planter: ChainPlanter, speed_m_s: float, seed: int) -> ReleaseForecast:
     ratio = planter.pitch_m / spacing_m
-    fall = planter.draw(np.full(_DRAWS, ratio), np.random.default_rng(seed))
+    frequency_per_min = 60 * speed_m_s / spacing_m
+    fall = planter.draw(np.full(_DRAWS, ratio), np.random.default_rng(seed), frequency_per_min=frequency_per_min)
     return ReleaseForecast(
         spacing_m,
         ratio,

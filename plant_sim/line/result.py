@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from plant_sim.line.handover import HandoverBand
 from plant_sim.line.indices import (
     MISS_ABOVE,
     MULTIPLE_BELOW,
@@ -19,8 +20,11 @@ from plant_sim.line.indices import (
     planting_rates,
     spacing_indices,
 )
+from plant_sim.line.judge.capacity import AreaCapacity
+from plant_sim.line.judge.domain import WITHIN, DomainNote
+from plant_sim.line.judge.verdicts import RowVerdicts
 from plant_sim.line.release import ReleaseForecast
-from plant_sim.line.row import PlantRow
+from plant_sim.line.row import PlantRow, TractorMotion
 from plant_sim.line.run import LineRun
 
 HAND_FED_PER_H: Final = (2_500, 3_000)
@@ -39,8 +43,12 @@ class LineResult:
         metres: Length of each row, m.
         spacing_m: Set spacing, m.
         run: Rows of plants.
+        verdicts: Verdicts on the rows of several passes, of which `run` is the first.
+        capacity: Area capacity, and air and energy of the plants; None for fewer than two releases.
         releases: Forecasts of the release at the set spacing and at other spacings; empty without a chain planter.
         window: Catch window of the chutes in planting cycles; None without chutes.
+        handover: Speeds at which the chutes lose few plugs; None without chutes.
+        domain: Parts of the result that are beyond the tested range of a model.
         is_fed_by_arms: True if the arms of the machine feed the line.
         assumed: Key and value, as text, of every assumed value.
         remarks: Limits of the models that apply to this line.
@@ -51,8 +59,12 @@ class LineResult:
     metres: float
     spacing_m: float
     run: LineRun
+    verdicts: RowVerdicts
+    capacity: AreaCapacity | None
     releases: tuple[ReleaseForecast, ...] = ()
     window: float | None = None
+    handover: HandoverBand | None = None
+    domain: tuple[DomainNote, ...] = ()
     is_fed_by_arms: bool = False
     assumed: tuple[str, ...] = ()
     remarks: tuple[str, ...] = field(default=())
@@ -92,7 +104,20 @@ class LineResult:
     @property
     def duration_s(self) -> float:
         """Time from the first to the last release, s."""
-        return float(max(row.time_s[-1] for row in self.rows) - min(row.time_s[0] for row in self.rows))
+        from_s, until_s = self._period_s
+        return until_s - from_s
+
+    @property
+    def _period_s(self) -> tuple[float, float]:
+        return float(min(row.time_s[0] for row in self.rows)), float(max(row.time_s[-1] for row in self.rows))
+
+    @property
+    def stops(self) -> tuple[int, float]:
+        """Number of stops of the tractor between the first and the last release, and the time at standstill, s."""
+        profile, (from_s, until_s) = self.run.profile, self._period_s
+        starts_s, ends_s = np.maximum(profile.time_s[:-1], from_s), np.minimum(profile.time_s[1:], until_s)
+        stands = (profile.speed_m_s[:-1] == 0.0) & (profile.speed_m_s[1:] == 0.0) & (ends_s > starts_s)
+        return int(np.count_nonzero(stands)), float((ends_s - starts_s)[stands].sum())
 
     @property
     def plants_per_h(self) -> float:
@@ -115,7 +140,7 @@ class LineResult:
 
     @property
     def extrapolated(self) -> int:
-        """Number of plants whose lambda is outside the range of the fall table."""
+        """Number of plants whose lambda or planting frequency is outside the range of the fall table."""
         return sum(int(np.count_nonzero(~row.within)) for row in self.rows)
 
     @property
@@ -129,6 +154,24 @@ class LineResult:
         phase = np.concatenate([row.phase for row in self.rows])
         return 2 * float(np.quantile(np.abs(phase), _NEEDED_QUANTILE)) if len(phase) else None
 
+    @property
+    def handovers(self) -> dict[TractorMotion, Rate]:
+        """Share of the plugs lost at the handover, by the motion of the tractor; empty without chutes."""
+        counts = [count for row in self.rows for count in row.handovers]
+        return {
+            motion: Rate(
+                sum(count.lost for count in counts if count.tractor is motion),
+                sum(count.seedlings for count in counts if count.tractor is motion),
+            )
+            for motion in (TractorMotion if counts else ())
+        }
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """Lowest and highest ground speed at a release, m/s."""
+        speed_m_s = np.concatenate([row.speed_m_s for row in self.rows])
+        return float(speed_m_s.min()), float(speed_m_s.max())
+
     def record(self) -> dict[str, Any]:
         """Return the result as a JSON object, without the list of plants."""
         indices, balance = self.spacing, self.run.balance
@@ -136,11 +179,15 @@ class LineResult:
             "title": self.title,
             "seed": self.seed,
             "metres": self.metres,
+            "domain": [note.record() for note in self.domain],
+            "judged": self.verdicts.record(),
+            "capacity": None if self.capacity is None else self.capacity.record(),
             "accounted": self.run.accounted,
             "rows": [_counts(row) for row in self.rows],
             "missing": self.missing,
             "plants": self.plants,
             "duration_s": self.duration_s,
+            "stops": {"number": self.stops[0], "duration_s": self.stops[1]},
             "plants_per_h": _number(self.plants_per_h),
             "hand_fed_per_h": HAND_FED_PER_H if self.is_fed_by_arms else None,
             "spacing": {
@@ -161,6 +208,7 @@ class LineResult:
             "extrapolated_falls": self.extrapolated,
             "extrapolated_injuries": self.extrapolated_injuries,
             "releases": [release.record() for release in self.releases],
+            "handover": None if self.handover is None else self._handover_record(self.handover),
             "catch_window": None if self.window is None else {"given": self.window, "needed": self.needed_window},
             "seedlings": None if balance is None else {name: getattr(balance.counts, name) for name in _PLACES},
             "alarms": list(self.run.alarms),
@@ -177,15 +225,18 @@ class LineResult:
         what = "planters" if self.ratios is not None and not self.is_fed_by_arms else "cups"
         lines = [
             self.title,
-            f"rows {len(self.rows)} x {self.metres:g} m, seed {self.seed}, {self.duration_s:.0f} s",
+            *([note.line() for note in self.domain] or [WITHIN]),
+            self.verdicts.headline(),
+            f"rows {len(self.rows)} x {self.metres:g} m, seed {self.seed}, {self.duration_s:.0f} s{self._stops_text()}",
             f"{what} released {released} = single {single} + double {double} + missing {released - single - double}; "
             f"in transit {transit}" + ("" if self.run.accounted else "  NOT ACCOUNTED FOR"),
             f"missing by cause: {_listed(self.missing)}",
             *self._spacing_lines(),
             "rates, 95 % binomial: " + ", ".join(f"{name} {rate.text()}" for name, rate in rates.items()),
-            *self._injury_lines(),
             *self._release_lines(),
             self._productivity(),
+            *([] if self.capacity is None else self.capacity.lines()),
+            *self.verdicts.lines(),
         ]
         if balance is not None:
             lines.append("seedlings: " + ", ".join(f"{name} {getattr(balance.counts, name)}" for name in _PLACES))
@@ -194,6 +245,10 @@ class LineResult:
         if self.assumed:
             lines.append(f"assumed: {'; '.join(self.assumed)}")
         return "\n".join([*lines, *self.remarks])
+
+    def _stops_text(self) -> str:
+        stops, for_s = self.stops
+        return f", of which {for_s:.0f} s at {stops} stops" if stops else ""
 
     def _spacing_lines(self) -> list[str]:
         indices = self.spacing
@@ -208,22 +263,41 @@ class LineResult:
             f"precision {100 * indices.precision:.1f} %",
         ]
 
-    def _injury_lines(self) -> list[str]:
-        count = self.extrapolated_injuries
-        return [f"injury extrapolated for {count} plants, beyond the levels of the bench test"] if count else []
-
     def _release_lines(self) -> list[str]:
         ratios, lines = self.ratios, []
         if ratios is not None and self.scraped is not None:
-            beyond = f", {self.extrapolated} falls extrapolated" if self.extrapolated else ""
             lines = [
-                f"lambda at release {ratios[0]:.3f} to {ratios[1]:.3f}, scraped {self.scraped.text()}{beyond}",
+                f"lambda at release {ratios[0]:.3f} to {ratios[1]:.3f}, scraped {self.scraped.text()}",
                 *(each.text() for each in self.releases),
             ]
         if self.window is not None:
             needed = f"{100 * self.needed_window:.1f} %" if self.needed_window is not None else "unknown"
+            lines += self._handover_lines()
             lines.append(f"catch window {100 * self.window:.1f} % of a cycle; 99.9 % of the arrivals need {needed}")
         return lines
+
+    def _handover_lines(self) -> list[str]:
+        assert self.handover is not None  # noqa: S101 - a line with a catch window has chutes
+        counts = ", ".join(f"{_TRACTOR[motion]} {rate.text()}" for motion, rate in self.handovers.items())
+        low, high = (3.6 * speed for speed in self.speeds)
+        beyond = self._beyond_band(self.handover)
+        return [
+            *self.handover.lines(),
+            f"speed at the releases {low:.2f} to {high:.2f} km/h, {beyond.percent:.1f} % of them beyond the band",
+            f"plugs lost at the handover: {counts}",
+        ]
+
+    def _beyond_band(self, band: HandoverBand) -> Rate:
+        """Return the share of the releases at a speed at which the handover does not hold."""
+        speed_m_s = np.concatenate([row.speed_m_s for row in self.rows])
+        holds = (speed_m_s >= band.low_m_s) & (speed_m_s <= band.high_m_s)
+        return Rate(int(np.count_nonzero(~holds)), len(speed_m_s))
+
+    def _handover_record(self, band: HandoverBand) -> dict[str, object]:
+        return band.record() | {
+            "beyond_band": self._beyond_band(band).record(),
+            "by_motion": {motion.name.lower(): rate.record() for motion, rate in self.handovers.items()},
+        }
 
     def _productivity(self) -> str:
         if math.isnan(self.plants_per_h):
@@ -236,6 +310,11 @@ class LineResult:
         return f"{text}, {times[0]:.2f} to {times[1]:.2f} x the {low:,} to {high:,} plants/h fed by hand"
 
 
+_TRACTOR = {
+    TractorMotion.STEADY: "at a constant speed",
+    TractorMotion.CHANGES: "while the speed changes",
+    TractorMotion.STOPS: "at a stop",
+}
 _PLACES = ("total", "in_tray", "in_claw", "in_cups", "P", "D", "T")
 
 

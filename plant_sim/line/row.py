@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,31 @@ class Missing(enum.IntEnum):
     def label(self) -> str:
         """Name in the results: the letter of the paper, or words joined by underscores."""
         return self.name if len(self.name) == 1 else self.name.lower()
+
+
+class TractorMotion(enum.IntEnum):
+    """Motion of the tractor while a plug falls through the chute."""
+
+    STEADY = 0
+    """At a constant speed."""
+    CHANGES = 1
+    """At a speed that changes."""
+    STOPS = 2
+    """To a standstill, or during one."""
+
+
+class HandoverCount(NamedTuple):
+    """Handovers through the chute during one kind of motion of the tractor.
+
+    Attributes:
+        tractor: Motion of the tractor.
+        seedlings: Seedlings that left their cups.
+        lost: Those of them that no planter has caught.
+    """
+
+    tractor: TractorMotion
+    seedlings: int
+    lost: int
 
 
 CAUSES: Final = tuple(cause for cause in Missing if cause is not Missing.NONE)
@@ -78,11 +103,14 @@ class PlantRow:
         scraped: True if the planter touched the plant after its release.
         injured: True for an injured plant; None if injury is not modelled.
         injury_within: True within the levels of the bench test on injury, or if injury is not modelled.
-        within: True if lambda is within the range of the fall table; False for an extrapolated fall.
+        within: True if lambda and frequency are within the range of the fall table; False for an extrapolated fall.
         in_transit: Number of cups or planters that have left the feed but have not been released.
         seedlings_in_transit: Number of seedlings in them.
         seedlings_lost: Number of seedlings lost between the feed and the soil.
         phase: Deviation of each arrival from the middle of the catch window, in planting cycles; empty without a chute.
+        handovers: Handovers of the released cups by the motion of the tractor; empty without a chute.
+        frequency_within: True if the planting frequency is one at which the falls were simulated; None without a chain
+            planter.
     """
 
     cup: Integers
@@ -104,6 +132,8 @@ class PlantRow:
     seedlings_in_transit: int
     seedlings_lost: int
     phase: Floats
+    handovers: tuple[HandoverCount, ...] = ()
+    frequency_within: Flags | None = None
 
     @property
     def planted(self) -> Flags:

@@ -13,7 +13,7 @@ from plant_sim.line.drive import Drive, MotorDrive, WheelDrive
 from plant_sim.line.errors import LineError
 from plant_sim.line.feed import ArmsFeed, blocks
 from plant_sim.line.file import ConveyorEntry, GroundEntry, LineFile, SegmentEntry
-from plant_sim.line.ground import MOST_SLIP, SlipSpec, SpeedProfile, Stretch, WheelSlip
+from plant_sim.line.ground import MOST_SLIP, SlipSpec, SpeedProfile, Stretch, WheelSlip, mean_set_speed_m_s
 from plant_sim.line.planting import (
     CARRIED_CYCLES,
     ChainPlanter,
@@ -62,6 +62,11 @@ class LineRun:
         balance: Balance of the seedlings; None without trays.
         alarms: Texts of the alarms of the controller.
         profile: Speed profile.
+        slip: Slip of the ground wheel; None without one.
+        sensor: Scans at which the ground-speed sensor of the twin could not represent the slip, and all scans; None
+            without arms.
+        is_crop_extrapolated: True if the crop of the arms is beyond the trials of the pepper paper.
+        air_l_min: Air that the arms use, L/min ANR; None without arms.
     """
 
     rows: tuple[PlantRow, ...]
@@ -69,6 +74,10 @@ class LineRun:
     balance: SeedlingBalance | None
     alarms: tuple[str, ...]
     profile: SpeedProfile
+    slip: WheelSlip | None = None
+    sensor: tuple[int, int] | None = None
+    is_crop_extrapolated: bool = False
+    air_l_min: float | None = None
 
     @property
     def accounted(self) -> bool:
@@ -104,21 +113,32 @@ def run_line(
     """
     soil, feeding, planting = (np.random.default_rng([seed, stream]) for stream in range(3))
     profile = profile_of(line.ground, metres + _margin_m(line))
-    course = Course(profile, drive_of(line, profile, soil), metres)
-    balance: SeedlingBalance | None = None
-    alarms: tuple[str, ...] = ()
+    drive = drive_of(line, profile, soil)
+    course = Course(profile, drive, metres)
+    arms: ArmsFeed | None = None
     if line.arms is not None:
         arms = _fill_cups(line, course, seed=seed, machine=machine)
         fed = tuple(arms.rows)
-        balance = SeedlingBalance(arms.twin.plant.counts(), arms.seedlings_tracked, arms.seedlings_passed)
-        alarms = tuple(dict.fromkeys(event.text for event in arms.twin.alarm_events() if event.active))
     else:
         assert line.conveyor is not None  # noqa: S101 - the reader requires one of the two
         fed = (_offered_blocks(line.conveyor, course, feeding),)
     rows = tuple(_plant(line, each, course, planter, planting) for each in fed)
     if not all(row.released for row in rows):
         raise LineError("--metres: nothing is planted on this length; increase it or check speed and slip")
-    return LineRun(rows, fed, balance, alarms, profile)
+    slip = drive.slip if isinstance(drive, WheelDrive) else None
+    if arms is None:
+        return LineRun(rows, fed, None, (), profile, slip)
+    return LineRun(
+        rows,
+        fed,
+        SeedlingBalance(arms.twin.plant.counts(), arms.seedlings_tracked, arms.seedlings_passed),
+        tuple(dict.fromkeys(event.text for event in arms.twin.alarm_events() if event.active)),
+        profile,
+        slip,
+        sensor=arms.sensor,
+        is_crop_extrapolated=arms.twin.plant.extrapolates,
+        air_l_min=60 * arms.air_l / arms.duration_s,
+    )
 
 
 def profile_of(ground: GroundEntry, length_m: float) -> SpeedProfile:
@@ -155,10 +175,24 @@ def _margin_m(line: LineFile) -> float:
     return (cups * line.spacing + (line.drive.lag or 0.0) * fastest_m_s) / (1 - MOST_SLIP)
 
 
-def set_frequency_hz(line: LineFile) -> float:
-    """Return the planting frequency at the speed of the first segment and the set spacing, 1/s."""
-    first = line.ground.segments[0]
-    return (first.speed or first.ramp_to or 0.0) / line.spacing
+def design_frequency_hz(line: LineFile) -> float:
+    """Return the planting frequency for which the line is set, 1/s.
+
+    Without a frequency or a phase of the chute, it is that at the mean set speed over the ground and the set spacing.
+    """
+    chute = line.chute
+    if chute is not None and chute.design_frequency is not None:
+        return chute.design_frequency / 60
+    if chute is not None and chute.phase is not None and chute.transit:
+        return chute.phase / chute.transit
+    return mean_set_speed_m_s(_stretches(line.ground)) / line.spacing
+
+
+def phase_cycles(line: LineFile) -> float:
+    """Return the planting cycles from the cup above the chute to the middle of the catch window; 0 without a chute."""
+    if line.chute is None:
+        return 0.0
+    return line.chute.transit * design_frequency_hz(line) if line.chute.phase is None else line.chute.phase
 
 
 def _stretches(ground: GroundEntry) -> list[Stretch]:
@@ -196,7 +230,7 @@ def _fill_cups(line: LineFile, course: Course, *, seed: int, machine: Machine) -
         machine,
         seed=seed,
         cups=cups,
-        frequency_per_min=60 * set_frequency_hz(line),
+        frequency_per_min=60 * design_frequency_hz(line),
         spacing_m=line.spacing * (1 - line.drive.set_for_slip),
     )
     until_s = _end_s(course, [cycle + _carried(line) for cycle in arms.first_cycles(to_planting)])
@@ -213,9 +247,7 @@ def _offered_blocks(entry: ConveyorEntry, course: Course, rng: np.random.Generat
 
 def _carried(line: LineFile) -> float:
     """Return the planting cycles from the cup over the planting device to the release into the soil."""
-    if line.chute is None:
-        return 0.0
-    return line.chute.transit * set_frequency_hz(line) + CARRIED_CYCLES
+    return 0.0 if line.chute is None else phase_cycles(line) + CARRIED_CYCLES
 
 
 def _end_s(course: Course, first_cycles: Sequence[float]) -> float:
@@ -234,5 +266,5 @@ def _plant(
     first_cycle = fed.first_cycle + (_carried(line) if line.chute is not None else CARRIED_CYCLES)
     transport = Transport(fed.seedlings, fed.cause, 0, np.empty(0))
     if line.chute is not None:
-        transport = drop_through_chute(line.chute, fed, course, set_frequency_hz=set_frequency_hz(line), rng=rng)
+        transport = drop_through_chute(line.chute, fed, course, phase_cycles=phase_cycles(line), rng=rng)
     return plant_by_chain(transport, first_cycle, course, planter=planter, rng=rng)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Iterator, Sequence
 from errno import EACCES, ENOENT, ENOTDIR
 from pathlib import Path
 from typing import Final
@@ -18,7 +20,7 @@ from plant_sim.common.provenance.provenance import Provenance
 from plant_sim.common.provenance.result_files import ResultFiles
 from plant_sim.line.errors import LineError
 from plant_sim.line.result import LineResult
-from plant_sim.line.row import NO_PLANT, Missing, PlantRow
+from plant_sim.line.row import CAUSES, NO_PLANT, Missing, PlantRow
 from plant_sim.planter.verdict import Stand
 
 COLUMNS: Final = (
@@ -40,12 +42,28 @@ COLUMNS: Final = (
 )
 """Columns of the table of plants; a missing value is an empty cell in CSV and null in Parquet."""
 
-_SHOWN_M = 25.0
-"""Length of row in the upper part of the picture, m."""
-_WIDTH_IN = 7.0
-_STANDS = {Stand.UPRIGHT: ("upright", "#009E73", "^"), Stand.TILTED: ("tilted", "#E69F00", ">")}
-_LODGED = ("lodged", "#D55E00", "_")
-_MISSING = ("missing", "#444444", "x")
+_LINE_M: Final = 25.0
+"""Length of row in one line of the picture, m, unless the row requires more than `_MOST_LINES` lines."""
+_MOST_LINES: Final = 20
+_LONGEST_LINE_M: Final = 100.0
+"""Length of row in one line up to which each plant is shown, m."""
+_SECTIONS: Final = 50
+_ROUNDING: Final = 1e-9
+_WIDTH_IN: Final = 7.0
+_ROW_IN: Final = 0.12
+_GAP_IN: Final = 0.12
+_HISTOGRAM_IN: Final = 2.0
+_DRAWN_PT: Final = 430.0
+"""Width of the axes, points."""
+_MARKER_PT: Final = 3.7
+_FADED: Final = 0.45
+_STANDS: Final = {
+    Stand.UPRIGHT: ("upright", "#009E73", "^"),
+    Stand.TILTED: ("tilted", "#E69F00", ">"),
+    Stand.LODGED: ("lodged", "#D55E00", "s"),
+}
+_MISSING: Final = dict(zip(CAUSES, ("#111111", "#333333", "#555555", "#777777", "#999999", "#BBBBBB"), strict=True))
+"""Colours of the causes where sections are shown; a single position has the letter of its cause."""
 
 
 def check_folder(out: Path) -> None:
@@ -128,52 +146,109 @@ def _spacing_m(row: PlantRow) -> np.ndarray:
 
 
 def row_picture(result: LineResult) -> Figure:
-    """Return a figure with the first metres of each row, and the distribution of all spacings.
+    """Return a figure with the complete rows, continued from line to line, and the distribution of all spacings.
+
+    Rows that are too long to show each plant are divided into sections, whose shares are shown.
 
     Call it within `figure_style.drawing`.
     """
-    rows = result.rows
-    figure = Figure(figsize=(_WIDTH_IN, 2.6 + 0.7 * len(rows)), layout="constrained")
-    strip, histogram = figure.subplots(2, 1, height_ratios=(0.6 + 0.5 * len(rows), 1.6))
-    _draw_strip(strip, result)
-    _draw_histogram(histogram, result)
+    rows, length_m = len(result.rows), max(_LINE_M, result.metres / _MOST_LINES)
+    shows_plants = length_m <= _LONGEST_LINE_M
+    lines = math.ceil(result.metres / length_m - _ROUNDING) if shows_plants else 1
+    height_in = 0.7 + (_ROW_IN * rows + _GAP_IN) * lines if shows_plants else 1.0 + 1.1 * rows
+    figure = Figure(figsize=(_WIDTH_IN, height_in + _HISTOGRAM_IN), layout="constrained")
+    grid = figure.add_gridspec(2, 1, height_ratios=(height_in, _HISTOGRAM_IN))
+    upper, lower = figure.add_subfigure(grid[0]), figure.add_subfigure(grid[1])
+    if shows_plants:
+        _draw_plants(upper.subplots(), result, length_m, lines)
+    else:
+        _draw_sections(upper.subplots(rows, 1, sharex=True, squeeze=False)[:, 0].tolist(), result)
+    _draw_histogram(lower.subplots(), result)
     return figure
 
 
-def _draw_strip(axes: Axes, result: LineResult) -> None:
-    for number, row in enumerate(result.rows, start=1):
-        shown = row.travel_m <= _SHOWN_M
-        for stand, (label, colour, marker) in {**_STANDS, Stand.LODGED: _LODGED}.items():
-            chosen = shown & (row.stand == stand)
-            axes.scatter(
-                row.position_m[chosen],
-                np.full(np.count_nonzero(chosen), number),
-                s=14,
-                color=colour,
-                marker=marker,
-                linewidths=1.2,
-                label=label if number == 1 else None,
-            )
-        empty = shown & ~row.planted
+def _draw_plants(axes: Axes, result: LineResult, length_m: float, lines: int) -> None:
+    """Draw each position; a line of the picture begins where the previous one ends."""
+    rows = len(result.rows)
+    step = rows + _GAP_IN / _ROW_IN
+    size_pt = min(_MARKER_PT, 0.8 * _DRAWN_PT * result.spacing_m / length_m)
+    at_m = [np.where(row.planted, row.position_m, row.travel_m) for row in result.rows]
+    line_of = [np.clip((each // length_m).astype(np.int64), 0, lines - 1) for each in at_m]
+    for label, colour, marker, is_hollow, chosen in _classes(result.rows):
+        if not any(each.any() for each in chosen):
+            continue
         axes.scatter(
-            row.travel_m[empty],
-            np.full(np.count_nonzero(empty), number),
-            s=14,
-            color=_MISSING[1],
-            marker=_MISSING[2],
-            linewidths=1.0,
-            label=_MISSING[0] if number == 1 else None,
+            np.concatenate(
+                [(at - length_m * line)[each] for at, line, each in zip(at_m, line_of, chosen, strict=True)]
+            ),
+            np.concatenate(
+                [(step * line + number)[each] for number, (line, each) in enumerate(zip(line_of, chosen, strict=True))]
+            ),
+            s=size_pt**2,
+            marker=marker,
+            facecolors="none" if is_hollow else colour,
+            edgecolors=colour,
+            linewidths=0.2 * size_pt,
+            label=label,
         )
-        for at_m, code in zip(row.travel_m[empty], row.missing[empty], strict=True):
-            axes.annotate(
-                _short(int(code)), (at_m, number), (0, 5), textcoords="offset points", ha="center", fontsize=6
+    middles = step * np.arange(lines) + (rows - 1) / 2
+    axes.set_yticks(middles, [f"{length_m * line:g} m" for line in range(lines)])
+    axes.set_ylim(step * lines - 0.3, -1.0)
+    axes.set_xlim(-0.01 * length_m, 1.01 * length_m)
+    axes.set_xlabel("position from the start of the line, m")
+    axes.set_ylabel("start of the line" if rows == 1 else f"start of the line; {rows} rows each, left first")
+    _legend_above(axes)
+
+
+def _draw_sections(panels: Sequence[Axes], result: LineResult) -> None:
+    """Draw the share of each class in each of the sections of a row."""
+    edges_m = np.linspace(0.0, result.metres, _SECTIONS + 1)
+    for number, (axes, row) in enumerate(zip(panels, result.rows, strict=True), start=1):
+        section = np.clip(np.searchsorted(edges_m, row.travel_m, side="right") - 1, 0, _SECTIONS - 1)
+        total = np.maximum(np.bincount(section, minlength=_SECTIONS), 1)
+        base = np.zeros(_SECTIONS)
+        for label, colour, _, is_hollow, chosen in _classes([row]):
+            share = 100 * np.bincount(section[chosen[0]], minlength=_SECTIONS) / total
+            if share.any():
+                axes.bar(
+                    edges_m[:-1],
+                    share,
+                    np.diff(edges_m),
+                    base,
+                    align="edge",
+                    color=colour,
+                    alpha=_FADED if is_hollow else 1.0,
+                    label=label,
+                )
+            base += share
+        axes.set_ylabel(f"row {number}, %")
+        axes.set_ylim(0.0, 100.0)
+        axes.set_xlim(0.0, result.metres)
+        _legend_above(axes)
+    panels[-1].set_xlabel("position along the row, m")
+
+
+def _classes(rows: Sequence[PlantRow]) -> Iterator[tuple[str, str, str, bool, list[np.ndarray]]]:
+    """Yield label, colour, marker, whether it is hollow, and the positions of each row, for each class."""
+    for stand, (name, colour, marker) in _STANDS.items():
+        for is_scraped in (False, True):
+            label = f"{name}, scraped" if is_scraped else name
+            yield (
+                label,
+                colour,
+                marker,
+                is_scraped,
+                [(row.stand == stand) & (row.scraped == is_scraped) for row in rows],
             )
-    axes.set_yticks(range(1, len(result.rows) + 1), [f"row {number}" for number in range(1, len(result.rows) + 1)])
-    axes.set_ylim(0.4, len(result.rows) + 0.6)
-    axes.set_xlim(-0.2, _SHOWN_M + 0.2)
-    axes.set_xlabel("position along the row, m")
-    axes.set_ylabel("planted row")
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, handletextpad=0.2, columnspacing=1.2)
+    for cause in CAUSES:
+        label = f"missing: {cause.label.replace('_', ' ')}"
+        yield label, _MISSING[cause], f"${cause.label[0]}$", False, [row.missing == cause for row in rows]
+
+
+def _legend_above(axes: Axes) -> None:
+    axes.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5, handletextpad=0.2, columnspacing=1.2, fontsize=7
+    )
 
 
 def _draw_histogram(axes: Axes, result: LineResult) -> None:
@@ -186,8 +261,8 @@ def _draw_histogram(axes: Axes, result: LineResult) -> None:
     for factor, label in ((0.5, "0.5"), (1.5, "1.5")):
         axes.axvline(factor * set_cm, color="#AA0044", linestyle=(0, (4, 2)), linewidth=0.9)
         axes.annotate(
-            f"{label} × set", (factor * set_cm, 1.0), (3, -8), xycoords=("data", "axes fraction"),
-            textcoords="offset points", fontsize=6, color="#AA0044",
+            f"{label} × set", (factor * set_cm, 1.0), (0, 2), xycoords=("data", "axes fraction"),
+            textcoords="offset points", fontsize=6, color="#AA0044", ha="center", annotation_clip=False,
         )  # fmt: off
     axes.set_xlabel("plant spacing, cm")
     axes.set_ylabel("number of spacings")
@@ -195,9 +270,5 @@ def _draw_histogram(axes: Axes, result: LineResult) -> None:
         f"mean {100 * indices.mean_m:.1f} cm, CV {100 * indices.cv:.1f} %, multiple {indices.multiple.percent:.1f} %, "
         f"quality {indices.quality.percent:.1f} %, miss {indices.miss.percent:.1f} %",
         fontsize=8,
+        pad=12,
     )
-
-
-def _short(code: int) -> str:
-    """Return the letter of a cause: the letter of the paper, or the first letter of its name in lower case."""
-    return Missing(code).label[0]

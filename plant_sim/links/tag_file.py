@@ -7,14 +7,27 @@ from plant_sim.links.box import BOX_COILS
 from plant_sim.links.telemetry import TELEMETRY
 from plant_sim.machine.parameters import Machine, load_machine
 
-COLUMNS = ("name", "table", "address", "words", "scale", "signed", "none", "writable", "low", "high", "meaning")
+COLUMNS = (
+    "name",
+    "table",
+    "address",
+    "words",
+    "word_order",
+    "scale",
+    "signed",
+    "none",
+    "writable",
+    "low",
+    "high",
+    "meaning",
+)
 
 
 def tag_csv(machine: Machine | None = None) -> str:
     """Return the header and one line per tag.
 
-    Values of two words have the high word first. If the column `none` contains "yes", all bits set means that the value
-    is absent. Below `low` or above `high`, in the unit of the value, it is abnormal.
+    The column `word_order` is filled for values of two words. If the column `none` contains "yes", all bits set means
+    that the value is absent. Below `low` or above `high`, in the unit of the value, it is abnormal.
 
     Args:
         machine: Parameters of the machine, from which the limits are taken; None = those of the package.
@@ -23,10 +36,10 @@ def tag_csv(machine: Machine | None = None) -> str:
     rows: list[tuple[object, ...]] = []
     for point in TELEMETRY:
         flags = (_yes(point.signed), _yes(point.may_be_none), _yes(False))
-        place = (point.name, "input", point.offset, point.words, f"{point.scale:g}")
+        place = (point.name, "input", point.offset, point.words, point.word_order, f"{point.scale:g}")
         rows.append((*place, *flags, lowest.get(point.name, ""), "", point.meaning))
     flags = (_yes(False), _yes(False), _yes(True))
-    rows += [(f"box.{coil.button}", "coil", coil.offset, 1, 1, *flags, "", "", coil.meaning) for coil in BOX_COILS]
+    rows += [(f"box.{coil.button}", "coil", coil.offset, 1, "", 1, *flags, "", "", coil.meaning) for coil in BOX_COILS]
     return csv_text(COLUMNS, rows)
 
 

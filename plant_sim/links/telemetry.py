@@ -16,6 +16,9 @@ from plant_sim.links.io_module import IoModule
 from plant_sim.links.write_timing import LinkTiming
 from plant_sim.machine.arm import ArmPlant
 
+WORD_ORDER = "high first"
+"""Order of the words of every value of two words."""
+
 
 @dataclass(frozen=True, slots=True)
 class TelemetryPoint:
@@ -40,6 +43,11 @@ class TelemetryPoint:
     read: Callable[[IoModule], float | None]
     signed: bool = False
     may_be_none: bool = False
+
+    @property
+    def word_order(self) -> str:
+        """Order of the words by ascending address; empty for a single word."""
+        return WORD_ORDER if self.words == 2 else ""
 
     def encode(self, module: IoModule) -> list[int]:
         """Encode the current value as registers."""
@@ -91,11 +99,12 @@ def read_telemetry(registers: Sequence[int]) -> dict[str, float]:
 
 def telemetry_table() -> list[tuple[str, ...]]:
     """Return the table for the documentation, header row first."""
-    heading = ("register", "words", "name", "one count is", "meaning")
+    heading = ("register", "words", "word_order", "name", "one count is", "meaning")
     rows = [
         (
             str(point.offset),
             str(point.words),
+            point.word_order,
             point.name,
             f"{point.scale:g}{', signed' if point.signed else ''}",
             f"{point.meaning}{', all bits set: none' if point.may_be_none else ''}",

@@ -20,6 +20,8 @@ class ChainSpec:
         sprocket_radius_m: Pitch radius R of the sprockets, m.
         centre_distance_m: Distance H between the centres of the sprockets, m.
         planters: Number of planters on the chain.
+        teeth: Number of teeth of each sprocket.
+        span_part: Part of a link by which the distance between the centres exceeds a whole number of links.
         offset_m: Horizontal distance l of the tip from the pitch line of the chain, m.
         tip_height_m: Distance h of the tip below the hinge, m.
         guide_behind_m: Distance of the guide plate behind the tip, m.
@@ -32,6 +34,8 @@ class ChainSpec:
     sprocket_radius_m: float
     centre_distance_m: float
     planters: int
+    teeth: int
+    span_part: float
     offset_m: float
     tip_height_m: float
     guide_behind_m: float
@@ -45,6 +49,8 @@ class ChainSpec:
         require_within(self, 0.02, 0.5, "sprocket_radius_m")
         require_within(self, 0.1, 5.0, "centre_distance_m")
         require_within(self, 1, 100, "planters")
+        require_within(self, 6, 200, "teeth")
+        require_within(self, 0.0, 1.0, "span_part")
         require_within(self, 0.0, 0.5, "offset_m")
         require_within(self, 0.01, 1.0, "tip_height_m")
         require_within(self, 0.0, 0.2, "guide_behind_m", "guide_above_m")
@@ -61,6 +67,11 @@ class ChainSpec:
     def loop_m(self) -> float:
         """Length of the chain, m."""
         return 2 * math.pi * self.sprocket_radius_m + 2 * self.centre_distance_m
+
+    @property
+    def link_m(self) -> float:
+        """Distance between two pins of the chain, m: the side of the polygon on the sprockets."""
+        return 2 * self.sprocket_radius_m * math.sin(math.pi / self.teeth)
 
     @property
     def pitch_m(self) -> float:

@@ -4,7 +4,8 @@ The library pymunk simulates rigid bodies in two dimensions: the block with its 
 path regardless of contact, and the bottom of the furrow. The guide plate is a fork: the stem passes between its prongs,
 so the plate touches the cube only (assumption; the shape is not published). The plates grip across the plane of
 travel. Their effect is Coulomb friction between planter and block, with the normal force `GripSpec.force_n`; the moment
-of the friction is that of a square contact area. In the simulation, lengths are in mm and forces in mN.
+of the friction is that of a square contact area. Planter and guide plate follow the polygon of the chain. In the
+simulation, lengths are in mm and forces in mN.
 
 Time step and solver settings are fixed, and nothing is random: equal arguments give equal results on one computer.
 """
@@ -22,6 +23,7 @@ from plant_sim.planter.grip import GripSpec
 from plant_sim.planter.ground import GroundSpec
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
+from plant_sim.planter.polygon import polygon_path_m
 from plant_sim.planter.separation import GRAVITY_M_S2
 
 STEP_S: Final = 5e-4
@@ -29,6 +31,11 @@ STEP_S: Final = 5e-4
 
 LONGEST_S: Final = 1.2
 """Longest simulated time after the start of the opening, s."""
+
+LYING_RAD: Final = math.radians(80.0)
+"""Angle from the vertical at which a block counts as lying, and the simulation ends, rad."""
+REST_STEPS: Final = 80
+"""Number of steps without motion after which a block is at rest."""
 
 _MM: Final = 1e3
 _ITERATIONS: Final = 20
@@ -43,8 +50,9 @@ _PLATE_HEIGHT_MM: Final = 150.0
 _FLOOR_MM: Final = (-2_000.0, 6_000.0)
 _MEAN_RADIUS: Final = 0.3826
 """Mean distance of the points of a square from its centre, divided by its edge: the lever arm of the friction."""
-_LYING_RAD: Final = math.radians(80.0)
-_REST_MM_S, _REST_RAD_S, _REST_STEPS = 3.0, 0.1, 80
+_REST_MM_S, _REST_RAD_S = 3.0, 0.1
+_CLEAR_M: Final = 0.01
+"""Height of the guide plate above the highest point of the cube at which it cannot touch the block any more, m."""
 
 
 class FallFrame(NamedTuple):
@@ -67,13 +75,34 @@ class FallFrame(NamedTuple):
     tilt_rad: float
 
 
+class Disturbance(NamedTuple):
+    """Deviations of one fall from the nominal one.
+
+    Attributes:
+        behind_m: Distance of the block behind its nominal position in the planter, m. A block that the guide plate
+            would penetrate touches it instead.
+        pitch_deg: Angle of the stem from the vertical in the plates, forward positive, degrees.
+        roll_deg: Angle of the stem from the vertical in the plates, across the row, degrees; `drop` does not use it.
+        uneven_s: Delay of the second plate at the opening, s.
+        slope_deg: Slope of the bottom of the furrow, positive if it falls in the direction of travel, degrees.
+    """
+
+    behind_m: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+    uneven_s: float = 0.0
+    slope_deg: float = 0.0
+
+
+UNDISTURBED: Final = Disturbance()
+
+
 class Fall(NamedTuple):
     """Result of one simulated fall.
 
     Attributes:
         along_m: Middle of the base at rest, measured from the hinge at its lowest point, forward positive, m.
         tilt_deg: Angle of the stem from the vertical at rest, forward positive, degrees.
-        most_tilt_deg: Largest absolute angle from the vertical after the first contact with the ground, degrees.
         pushed_m: Displacement of the centre of mass from the first contact with the ground until rest, m; 0 if the
             guide plate did not touch the block on the ground.
         scrape_n_s: Impulse between guide plate and block after the first contact with the ground, N s.
@@ -84,7 +113,6 @@ class Fall(NamedTuple):
 
     along_m: float
     tilt_deg: float
-    most_tilt_deg: float
     pushed_m: float
     scrape_n_s: float
     landed_deg: float
@@ -97,7 +125,7 @@ def drop(
     motion: Motion,
     *,
     opener_deg: float,
-    behind_m: float = 0.0,
+    disturbance: Disturbance = UNDISTURBED,
     step_s: float = STEP_S,
     frames: list[FallFrame] | None = None,
 ) -> Fall:
@@ -108,11 +136,11 @@ def drop(
         ground: Ground below the planter.
         motion: Motion of the planters, in the model `MotionModel.RIGID`.
         opener_deg: Phase on the bottom arc at which the opener starts to move the plates, degrees.
-        behind_m: Distance of the block behind its nominal position in the planter, m.
+        disturbance: Deviations from the nominal fall.
         step_s: Time step, s.
         frames: List to which the positions at every step are appended.
     """
-    return _Drop(planter, ground, motion, opener_deg=opener_deg, behind_m=behind_m, step_s=step_s).run(frames)
+    return _Drop(planter, ground, motion, disturbance, opener_deg=opener_deg, step_s=step_s).run(frames)
 
 
 class _Drop:
@@ -123,29 +151,28 @@ class _Drop:
         planter: Planter,
         ground: GroundSpec,
         motion: Motion,
+        disturbance: Disturbance,
         *,
         opener_deg: float,
-        behind_m: float,
         step_s: float,
     ) -> None:
         self._planter, self._ground, self._motion, self._step_s = planter, ground, motion, step_s
-        self._opener_deg = opener_deg
+        self._opener_deg, self._uneven_s = opener_deg, disturbance.uneven_s
         self._space = new_space()
         self._path, self._lowest_s = self._hinge_path_mm(opener_deg)
-        base_mm = _MM * (ground.clearance_m + planter.chain.block_top_m - planter.block.edge_m)
         self._guide = self._add_guide(ground)
-        add_floor(self._space, friction=ground.friction, restitution=ground.restitution)
+        add_floor(
+            self._space,
+            friction=ground.friction,
+            restitution=ground.restitution,
+            slope_rad=math.radians(disturbance.slope_deg),
+        )
         self._block = add_block(self._space, planter.block)
-        hinge_x, hinge_y = self._path[0]
-        centre_mm = _MM * planter.block.centre_m
-        self._block.position = (hinge_x - _MM * behind_m, hinge_y + base_mm + centre_mm)
-        self._block.velocity = tuple((self._path[1] - self._path[0]) / step_s)
-        self._grip = self._add_grip(hinge_y + base_mm + _MM * planter.block.edge_m / 2)
-        self._free_step = math.ceil(planter.grip.free_s / step_s)
+        self._grip = self._place(disturbance)
+        self._free_step = math.ceil(planter.grip.free_after_s(disturbance.uneven_s) / step_s)
         self._touched_mm: float | None = None
         self._touched_step = 0
         self._scrape_mn_s = 0.0
-        self._most_rad = 0.0
         self._in_soil = False
         self._space.on_collision(_GROUND, _BLOCK, post_solve=self._on_ground)
         self._space.on_collision(_GUIDE, _BLOCK, post_solve=self._on_guide)
@@ -153,9 +180,11 @@ class _Drop:
     def run(self, frames: list[FallFrame] | None) -> Fall:
         """Simulate until the block is at rest or lies on the ground, or `LONGEST_S` has passed."""
         block, guide, step_s = self._block, self._guide, self._step_s
-        path: list[tuple[float, float]] = [(x, y) for x, y in self._path.tolist()]
-        speeds: list[tuple[float, float]] = [(x, y) for x, y in (np.diff(self._path, axis=0) / step_s).tolist()]
-        clear_mm = _MM * (self._planter.block.height_m + self._planter.chain.block_top_m)
+        path: list[tuple[float, float]] = self._path.tolist()
+        speeds: list[tuple[float, float]] = (np.diff(self._path, axis=0) / step_s).tolist()
+        # the guide plate can push the cube until its lower edge has risen above it, whatever the tilt
+        clear_mm = _MM * (math.sqrt(2) * self._planter.block.edge_m + _CLEAR_M)
+        clear = int(np.argmax(self._path[:, 1] > clear_mm)) if self._path[-1, 1] > clear_mm else len(path)
         resting, rested, self._index = 0, False, 0
         for index, speed in enumerate(speeds):
             self._index = index
@@ -164,15 +193,16 @@ class _Drop:
             # contacts act on the velocity; the position removes the drift of its integration
             guide.position, guide.velocity = path[index], speed
             self._space.step(step_s)
-            if self._touched_mm is not None:
-                self._after_touch()
+            # here and not in the callback of the contact, which pymunk calls within a step
+            if self._touched_mm is not None and not self._in_soil:
+                add_soil(self._space, block, self._planter.block, self._ground)
+                self._in_soil = True
             if frames is not None:
                 frames.append(self._frame(index + 1))
-            still = block.velocity.length < _REST_MM_S and abs(block.angular_velocity) < _REST_RAD_S
-            resting = resting + 1 if still else 0
-            # a block can be pushed until the planter has risen above its stem
-            rested = resting >= _REST_STEPS and path[index][1] > clear_mm
-            if rested or abs(block.angle) > _LYING_RAD:
+            if index > clear - REST_STEPS:
+                resting = resting + 1 if is_still(block) else 0
+                rested = resting >= REST_STEPS and index >= clear
+            if rested or abs(block.angle) > LYING_RAD:
                 break
         return self._fall(rested)
 
@@ -182,7 +212,7 @@ class _Drop:
         start_s, lowest_s = motion.time_at_s(opener_deg), motion.time_at_s(90.0)
         times_s = start_s + self._step_s * np.arange(round(LONGEST_S / self._step_s) + 1)
         lowest_m = motion.position_m(lowest_s)[0, 0]
-        return _MM * (motion.position_m(times_s)[0] - lowest_m), lowest_s - start_s
+        return _MM * (polygon_path_m(motion, times_s) - lowest_m), lowest_s - start_s
 
     def _add_guide(self, ground: GroundSpec) -> pymunk.Body:
         """Add the guide plate as a body whose origin is the hinge."""
@@ -197,10 +227,24 @@ class _Drop:
         self._space.add(body, plate)
         return body
 
-    def _add_grip(self, height_mm: float) -> tuple[pymunk.PivotJoint, pymunk.GearJoint]:
-        """Add the friction of the plates as joints that oppose relative motion without correcting positions."""
-        pivot = pymunk.PivotJoint(self._guide, self._block, (self._block.position.x, height_mm))
-        gear = pymunk.GearJoint(self._guide, self._block, 0.0, 1.0)
+    def _place(self, disturbance: Disturbance) -> tuple[pymunk.PivotJoint, pymunk.GearJoint]:
+        """Place the block between the plates and return their friction.
+
+        The plates hold the cube at its centre. Their friction is represented by joints that oppose relative motion
+        without correcting positions.
+        """
+        chain, spec, block = self._planter.chain, self._planter.block, self._block
+        forward_rad = math.radians(disturbance.pitch_deg)
+        sine, cosine, half_m = math.sin(forward_rad), math.cos(forward_rad), spec.edge_m / 2
+        reach_m = half_m * (cosine + abs(sine))
+        ahead_m = max(-disturbance.behind_m, reach_m - chain.guide_behind_m)
+        high_m = self._ground.clearance_m + chain.block_top_m - half_m
+        middle = pymunk.Vec2d(*(self._path[0] + _MM * np.array([ahead_m, high_m])))
+        block.angle = -forward_rad
+        block.position = middle + _MM * (spec.centre_m - half_m) * pymunk.Vec2d(sine, cosine)
+        block.velocity = tuple((self._path[1] - self._path[0]) / self._step_s)
+        pivot = pymunk.PivotJoint(self._guide, block, middle)
+        gear = pymunk.GearJoint(self._guide, block, 0.0, 1.0)
         pivot.max_bias = gear.max_bias = 0.0
         self._space.add(pivot, gear)
         return pivot, gear
@@ -210,7 +254,7 @@ class _Drop:
         grip: GripSpec = self._planter.grip
         pivot, gear = self._grip
         # two plates
-        pivot.max_force = 2 * grip.friction * grip.force_n(since_s) * 1e3
+        pivot.max_force = 2 * grip.friction * grip.force_n(since_s, self._uneven_s) * 1e3
         gear.max_force = pivot.max_force * _MEAN_RADIUS * _MM * self._planter.block.edge_m
 
     def _on_ground(self, _arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: Any) -> None:
@@ -220,14 +264,6 @@ class _Drop:
     def _on_guide(self, arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: Any) -> None:
         if self._touched_mm is not None:
             self._scrape_mn_s += arbiter.total_impulse.length
-
-    def _after_touch(self) -> None:
-        """Record the tilt, and add the loose soil after the first contact with the ground."""
-        self._most_rad = max(self._most_rad, abs(self._block.angle))
-        # here and not in the callback of the contact, which pymunk calls within a step
-        if not self._in_soil:
-            add_soil(self._space, self._block, self._planter.block, self._ground)
-            self._in_soil = True
 
     def _base_mm(self) -> tuple[float, float]:
         """Return the position of the middle of the base of the block, mm."""
@@ -248,7 +284,6 @@ class _Drop:
         return Fall(
             along_m=self._base_mm()[0] / _MM,
             tilt_deg=-math.degrees(block.angle),
-            most_tilt_deg=math.degrees(self._most_rad),
             pushed_m=pushed_mm / _MM,
             scrape_n_s=self._scrape_mn_s / 1e3,
             landed_deg=landed_deg if touched else math.nan,
@@ -264,6 +299,11 @@ def new_space() -> pymunk.Space:
     space.collision_slop = _SLOP_MM
     space.collision_bias = _BIAS
     return space
+
+
+def is_still(block: pymunk.Body) -> bool:
+    """Return True if a block does not move."""
+    return block.velocity.length < _REST_MM_S and abs(block.angular_velocity) < _REST_RAD_S
 
 
 def add_floor(space: pymunk.Space, *, friction: float, restitution: float, slope_rad: float = 0.0) -> None:

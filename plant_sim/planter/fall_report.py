@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from plant_sim.planter.contact import drop
-from plant_sim.planter.falls import FREQUENCY_PER_MIN, FallTable
+from plant_sim.planter.falls import FallTable
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.motion_model import MotionModel
 from plant_sim.planter.parameters import Planter
@@ -16,8 +16,6 @@ from plant_sim.planter.scatter import Ground
 from plant_sim.planter.verdict import LODGED_DEG, FallVerdict, verdict_of
 
 _KM_H = 3.6
-_SIMILAR_PER_MIN: Final = 2.0
-"""Largest difference from the planting frequency of the tables, 1/min: the range of the bench test."""
 _NONE: Final = 0.005
 """Share below which a verdict is not listed in the text."""
 _NAMES: Final[Mapping[Ground, str]] = {Ground.RIGID: "rigid ground", Ground.SOIL: "bench soil"}
@@ -115,9 +113,8 @@ class FallReport:
         """Return the shares of the verdicts from the table of falls, and whether the table covers the motion."""
         if ground not in self.tables:
             return None, False
-        shares, is_inside = self.tables[ground].verdict_shares_at(self.motion.ratio, self.release_deg)
-        is_similar = abs(self.motion.frequency_per_min - FREQUENCY_PER_MIN) <= _SIMILAR_PER_MIN
-        return shares, is_inside and is_similar
+        at = self.motion.ratio, self.release_deg, self.motion.frequency_per_min
+        return self.tables[ground].verdict_shares_at(*at)
 
     def _fall_lines(self) -> Iterator[str]:
         yield f"falls, opener at {self.release_deg:g}°"

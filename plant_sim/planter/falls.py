@@ -1,17 +1,22 @@
 """Table of simulated falls, from which the falls in long rows of plants are drawn at random.
 
-Every cell contains the results of the same random blocks, simulated with full contact at one ratio and one position of
-the opener. Between two grid points, a fall is drawn from one of the neighbouring cells at random, weighted by distance.
+Every cell contains the results of the same random blocks, simulated with full contact at one planting frequency, one
+ratio and one position of the opener. Between grid points, a fall is drawn from one of the neighbouring cells at random,
+weighted by distance. The roll of a block is not part of the table: across the row, a block rolled by the largest
+plausible angle comes to rest upright (tests/plant_sim/planter/test_disturbances.py).
 The table of the default parameters is part of the package; any other is built once and stored in the cache folder.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import io
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
+from statistics import NormalDist
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,7 +26,8 @@ from scipy.interpolate import RegularGridInterpolator
 from controller.common.files.cache_folder import user_cache_folder
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter, load_planter, load_ranges
-from plant_sim.planter.scatter import Ground, Ranges, draw
+from plant_sim.planter.quality import is_tested_force
+from plant_sim.planter.scatter import Draw, Ground, Ranges, draw
 from plant_sim.planter.verdict import FallVerdict, stand_of, verdicts_of
 
 RATIOS: Final = (0.70, 0.80, 0.85, 0.90, 0.95, 1.00, 1.05, 1.10, 1.17, 1.30, 1.45, 1.60, 1.80)
@@ -30,8 +36,10 @@ OPENERS_DEG: Final = (45.0, 60.0, 67.5, 75.0, 82.5, 90.0, 97.5, 105.0, 120.0, 13
 """Grid of the position of the opener on the bottom arc, degrees."""
 BLOCKS: Final = 48
 """Number of random blocks in each cell."""
+FREQUENCIES_PER_MIN: Final = (30.0, 52.0, 66.0)
+"""Grid of the planting frequency, 1/min: from slow work to the highest frequency of the bench test."""
 FREQUENCY_PER_MIN: Final = 58.0
-"""Planting frequency of the table, 1/min: the centre of the bench test."""
+"""Planting frequency at the centre of the bench test, 1/min."""
 
 
 class Grid(NamedTuple):
@@ -41,11 +49,18 @@ class Grid(NamedTuple):
         ratios: Ratios lambda, ascending.
         openers_deg: Positions of the opener on the bottom arc, ascending, degrees.
         blocks: Number of random blocks in each cell.
+        frequencies_per_min: Planting frequencies, ascending, 1/min.
     """
 
     ratios: tuple[float, ...] = RATIOS
     openers_deg: tuple[float, ...] = OPENERS_DEG
     blocks: int = BLOCKS
+    frequencies_per_min: tuple[float, ...] = FREQUENCIES_PER_MIN
+
+    @property
+    def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Frequencies, ratios and positions of the opener: the first three axes of the cells."""
+        return np.array(self.frequencies_per_min), np.array(self.ratios), np.array(self.openers_deg)
 
 
 GRID: Final = Grid()
@@ -54,7 +69,7 @@ GRID: Final = Grid()
 PACKAGED: Final = Path(__file__).with_name("data")
 """Folder of the packaged tables."""
 
-_VERSION: Final = 3
+_VERSION: Final = 5
 _SEED: Final = 1
 _STUCK_DEG: Final = 90.0
 
@@ -69,7 +84,9 @@ class Falls(NamedTuple):
             plate and tipped across the row.
         stand: `Stand` codes.
         scraped: True if the guide plate touched the block on the ground.
-        within: True if ratio and opener are inside the grid of the table; otherwise the nearest grid point is used.
+        within: True if frequency, ratio and opener are inside the grid of the table, and, on soil, the clamp force is
+            among the tested ones, to which the share of sticking blocks is fitted. Outside the grid, the nearest grid
+            point is used.
     """
 
     along_m: NDArray[np.float64]
@@ -86,8 +103,8 @@ class FallTable:
     Attributes:
         planter: Parameters of the planter.
         kind: Ground.
-        cells: Results, of shape (ratios, openers, blocks, 5): along_m, clearance below the tip, m, tilt_deg, the
-            impulse of the guide plate on the ground, N s, and pushed_m.
+        cells: Results, of shape (frequencies, ratios, openers, blocks, 5): along_m, clearance below the tip, m,
+            tilt_deg, the impulse of the guide plate on the ground, N s, and pushed_m.
         grid: Grid of the cells.
     """
 
@@ -105,6 +122,7 @@ class FallTable:
         ratio: ArrayLike,
         rng: np.random.Generator,
         *,
+        frequency_per_min: ArrayLike,
         opener_deg: float | None = None,
         clamp_n: float | None = None,
     ) -> Falls:
@@ -113,33 +131,48 @@ class FallTable:
         Args:
             ratio: Ratios lambda, one for each block.
             rng: Random number generator.
+            frequency_per_min: Planting frequency of each block, or of all blocks, 1/min.
             opener_deg: Position of the opener, degrees; by default that of the planter.
             clamp_n: Clamp force, N; by default that of the planter.
         """
         ratios = np.atleast_1d(np.asarray(ratio, dtype=float))
         place_deg = self.planter.chain.release_deg if opener_deg is None else opener_deg
-        row, row_within = _neighbour(np.array(self.grid.ratios), ratios, rng)
-        column, column_within = _neighbour(np.array(self.grid.openers_deg), np.full(ratios.shape, place_deg), rng)
-        block = rng.integers(self.cells.shape[2], size=ratios.shape)
-        along_m, clearance_m, tilt_deg, scrape_n_s = np.moveaxis(self.cells[row, column, block, :4], -1, 0)
+        force_n = self.planter.grip.clamp_n if clamp_n is None else clamp_n
+        frequencies = np.broadcast_to(np.asarray(frequency_per_min, dtype=float), ratios.shape)
+        at = frequencies, ratios, np.full(ratios.shape, place_deg)
+        near = [_neighbour(axis, values, rng) for axis, values in zip(self.grid.axes, at, strict=True)]
+        block = rng.integers(self.cells.shape[3], size=ratios.shape)
+        drawn = self.cells[(*(index for index, _ in near), block)]
+        along_m, clearance_m, tilt_deg, scrape_n_s = np.moveaxis(drawn[..., :4], -1, 0)
+        within = np.logical_and.reduce([inside for _, inside in near])
         if self.kind is Ground.SOIL:
-            share = self.planter.scatter.stick_share_at(self.planter.grip.clamp_n if clamp_n is None else clamp_n)
+            share = self.planter.scatter.stick_share_at(force_n)
             tilt_deg = np.where(rng.uniform(size=ratios.shape) < share, _STUCK_DEG, tilt_deg)
+            within = within & is_tested_force(force_n)
         return Falls(
             along_m=along_m,
             depth_m=self._tip_depth_m + clearance_m,
             tilt_deg=tilt_deg,
             stand=stand_of(tilt_deg),
             scraped=scrape_n_s > 0.0,
-            within=row_within & column_within,
+            within=within,
         )
 
-    def verdict_share(self, verdict: FallVerdict) -> NDArray[np.float64]:
-        """Return the share of the simulated blocks with a verdict, of shape (ratios, openers)."""
-        shares: NDArray[np.float64] = (verdicts_of(self.cells[..., 2], self.cells[..., 4]) == verdict).mean(axis=-1)
+    def verdict_share(self, verdict: FallVerdict, frequency_per_min: float) -> NDArray[np.float64]:
+        """Return the share of blocks with a verdict, interpolated linearly at a frequency, of shape (ratios, openers).
+
+        Args:
+            verdict: Verdict.
+            frequency_per_min: Planting frequency, 1/min.
+        """
+        _, ratios, openers_deg = self.grid.axes
+        points = np.stack(np.meshgrid(frequency_per_min, ratios, openers_deg, indexing="ij"), axis=-1)[0]
+        shares: NDArray[np.float64] = self._interpolator(verdict)(points)
         return shares
 
-    def verdict_shares_at(self, ratio: float, opener_deg: float) -> tuple[dict[FallVerdict, float], bool]:
+    def verdict_shares_at(
+        self, ratio: float, opener_deg: float, frequency_per_min: float
+    ) -> tuple[dict[FallVerdict, float], bool]:
         """Return the shares of the verdicts at a point, interpolated linearly, and whether it is inside the grid.
 
         Outside the grid, the nearest point on its edge is used. Blocks that stick to a plate are not included.
@@ -147,11 +180,16 @@ class FallTable:
         Args:
             ratio: Ratio lambda.
             opener_deg: Position of the opener, degrees.
+            frequency_per_min: Planting frequency, 1/min.
         """
-        axes = np.array(self.grid.ratios), np.array(self.grid.openers_deg)
-        at = tuple(np.clip(value, axis[0], axis[-1]) for value, axis in zip((ratio, opener_deg), axes, strict=True))
-        shares = {each: float(RegularGridInterpolator(axes, self.verdict_share(each))(at)) for each in FallVerdict}
-        return shares, at == (ratio, opener_deg)
+        point = frequency_per_min, ratio, opener_deg
+        at = tuple(np.clip(value, axis[0], axis[-1]) for value, axis in zip(point, self.grid.axes, strict=True))
+        return {each: float(self._interpolator(each)(at)) for each in FallVerdict}, at == point
+
+    def _interpolator(self, verdict: FallVerdict) -> RegularGridInterpolator:
+        """Return the interpolator of the share of the simulated blocks with a verdict."""
+        shares = (verdicts_of(self.cells[..., 2], self.cells[..., 4]) == verdict).mean(axis=-1)
+        return RegularGridInterpolator(self.grid.axes, shares)
 
 
 def build_cells(
@@ -169,22 +207,56 @@ def build_cells(
         ranges: Plausible ranges of its parameters.
         kind: Ground.
         grid: Grid of the cells.
-        progress: Function called with the number of completed ratios and the total number.
+        progress: Function called with the number of completed motions and the total number.
     """
-    ratios, openers_deg, blocks = grid
+    draws = drawn_blocks(planter, ranges, kind, grid.blocks)
+    frequencies, ratios, openers_deg = grid.axes
+    cells = np.empty((*map(len, grid.axes), grid.blocks, 5))
+    motions = list(itertools.product(enumerate(frequencies.tolist()), enumerate(ratios.tolist())))
+    for done, ((layer, frequency_per_min), (row, ratio)) in enumerate(motions, start=1):
+        motion = motion_at(planter, ratio, frequency_per_min)
+        for (column, opener_deg), (block, drawn) in itertools.product(enumerate(openers_deg), enumerate(draws)):
+            cells[layer, row, column, block] = cell_values(drawn, motion, float(opener_deg))
+        if progress is not None:
+            progress(done, len(motions))
+    return cells
+
+
+def drawn_blocks(planter: Planter, ranges: Ranges, kind: Ground, blocks: int) -> list[Draw]:
+    """Return the random blocks that every cell of a table contains.
+
+    Args:
+        planter: Parameters of the planter.
+        ranges: Plausible ranges of its parameters.
+        kind: Ground.
+        blocks: Number of blocks.
+    """
     rng = np.random.default_rng(_SEED)
     draws = [draw(planter, ranges, kind, rng) for _ in range(blocks)]
-    cells = np.empty((len(ratios), len(openers_deg), blocks, 5))
-    for row, ratio in enumerate(ratios):
-        motion = motion_at(planter, ratio)
-        for column, opener_deg in enumerate(openers_deg):
-            for block, drawn in enumerate(draws):
-                fall = drawn.fall(motion, opener_deg)
-                clearance_m = drawn.ground.clearance_m
-                cells[row, column, block] = fall.along_m, clearance_m, fall.tilt_deg, fall.scrape_n_s, fall.pushed_m
-        if progress is not None:
-            progress(row + 1, len(ratios))
-    return cells
+    return _evenly_deep(draws, planter) if kind is Ground.SOIL else draws
+
+
+def cell_values(drawn: Draw, motion: Motion, opener_deg: float) -> tuple[float, float, float, float, float]:
+    """Simulate the fall of one block and return its values in a cell, in the order of `FallTable.cells`."""
+    fall = drawn.fall(motion, opener_deg)
+    return fall.along_m, drawn.ground.clearance_m, fall.tilt_deg, fall.scrape_n_s, fall.pushed_m
+
+
+def _evenly_deep(draws: Sequence[Draw], planter: Planter) -> list[Draw]:
+    """Return draws whose clearances are evenly spaced quantiles of the normal distribution, in the same order.
+
+    The few blocks of a cell then have the mean and the scatter of the depth that the parameters state.
+    """
+    mean_m, sd_m = planter.bench_soil.clearance_m, planter.scatter.clearance_sd_m
+    if sd_m == 0.0:
+        return list(draws)
+    ranks = np.argsort(np.argsort([drawn.ground.clearance_m for drawn in draws]))
+    shares = ((ranks + 0.5) / len(draws)).tolist()
+    clearances_m = [NormalDist(mean_m, sd_m).inv_cdf(share) for share in shares]
+    return [
+        drawn._replace(ground=dataclasses.replace(drawn.ground, clearance_m=clearance_m))
+        for drawn, clearance_m in zip(draws, clearances_m, strict=True)
+    ]
 
 
 def motion_at(planter: Planter, ratio: float, frequency_per_min: float = FREQUENCY_PER_MIN) -> Motion:
@@ -215,7 +287,7 @@ def fall_table(
         ranges: Plausible ranges of its parameters.
         kind: Ground.
         grid: Grid of the cells.
-        progress: Function called with the number of completed ratios and the total number while the table is built.
+        progress: Function called with the number of completed motions and the total number while the table is built.
 
     Raises:
         OSError: The cache folder is not writable.
@@ -264,7 +336,7 @@ def write_table(
         kind: Ground.
         folder: Folder; created if it does not exist.
         grid: Grid of the cells.
-        progress: Function called with the number of completed ratios and the total number.
+        progress: Function called with the number of completed motions and the total number.
 
     Returns:
         Path of the file.
@@ -301,9 +373,10 @@ def _key(planter: Planter, ranges: Mapping[str, tuple[float, float]], kind: Grou
         planter.block,
         planter.grip,
         getattr(planter, kind),
-        (scatter.place_m, scatter.opener_deg, scatter.clearance_sd_m),
+        (scatter.place_m, scatter.opener_deg, scatter.pitch_deg, scatter.uneven_s, scatter.slope_deg),
+        scatter.clearance_sd_m,
         sorted(ranges.items()),
-        (tuple(grid), FREQUENCY_PER_MIN, _SEED),
+        (tuple(grid), _SEED),
     )
     return hashlib.sha256(repr(content).encode()).hexdigest()[:16]
 

@@ -3,7 +3,8 @@
 The plates grip the block across the plane of travel. The block is assumed to be linearly elastic:
 the force is the stiffness times the compression, up to the force that crushes the block. The clamp springs are soft
 compared with the block, so the compression depends on the clamp force only. At the opener the plates move apart at
-constant speed. The force falls linearly to zero while the block expands, and the block is free from then on.
+constant speed, the second one possibly later than the first. The force falls to zero while the block expands, and the
+block is free from then on.
 
 Source: cabbage paper, 2.2.1 (opening 45 mm, peak forces 89.95 to 119.29 N in Fig. 6); force law and speeds are assumed.
 """
@@ -56,7 +57,27 @@ class GripSpec:
     @property
     def free_s(self) -> float:
         """Time from the start of the opening until the plates no longer touch the block, s."""
-        return self.compression_m / (2 * self.opening_m_s)
+        return self.free_after_s(0.0)
+
+    def free_after_s(self, uneven_s: float) -> float:
+        """Return the time from the start of the opening until the plates no longer touch the block, s.
+
+        Args:
+            uneven_s: Delay of the second plate, s.
+        """
+        alone_s = self.compression_m / self.opening_m_s
+        return alone_s if uneven_s >= alone_s else (alone_s + uneven_s) / 2
+
+    def sideways_m_s(self, uneven_s: float) -> float:
+        """Return the speed of the block across the row when it is free, m/s.
+
+        A compressed block is always in the middle between the plates: its stiffness moves it within a millisecond. It
+        moves at half the speed of the first plate until the second plate starts.
+
+        Args:
+            uneven_s: Delay of the second plate, s.
+        """
+        return self.opening_m_s / 2 if uneven_s >= self.compression_m / self.opening_m_s else 0.0
 
     def open_s(self, block: BlockSpec) -> float:
         """Return the time from the start of the opening until the plates are fully open, s."""
@@ -66,15 +87,15 @@ class GripSpec:
         """Return the clearance on each side of the block between the open plates, m."""
         return (self.opening_m - block.edge_m) / 2
 
-    def force_n(self, since_s: float) -> float:
+    def force_n(self, since_s: float, uneven_s: float = 0.0) -> float:
         """Return the force of each plate on the block, N.
 
         Args:
             since_s: Time since the start of the opening, s; negative before it.
+            uneven_s: Delay of the second plate, s.
         """
-        if since_s <= 0.0:
-            return self.clamp_n
-        return max(0.0, self.stiffness_n_m * (self.compression_m - 2 * self.opening_m_s * since_s))
+        opened_m = self.opening_m_s * (max(0.0, since_s) + max(0.0, since_s - uneven_s))
+        return max(0.0, self.stiffness_n_m * (self.compression_m - opened_m))
 
     def holds(self, block: BlockSpec, acceleration_m_s2: float) -> bool:
         """Return True if the friction at both plates holds the block at an upward acceleration."""

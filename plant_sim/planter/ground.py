@@ -59,6 +59,10 @@ class ScatterSpec:
     Attributes:
         place_m: Largest distance of a block from its nominal position in the planter, m.
         opener_deg: Largest deviation of the start of the opening, degrees.
+        pitch_deg: Largest angle of the stem of a gripped block from the vertical, in the direction of travel, degrees.
+        roll_deg: Largest angle of the stem of a gripped block from the vertical, across the row, degrees.
+        uneven_s: Largest delay between the two plates at the opening, s.
+        slope_deg: Largest slope of the bottom of the furrow in the direction of travel, degrees.
         clearance_sd_m: Standard deviation of the clearance between the tip and the bottom of the furrow, on soil, m.
         stick_share: Share of the blocks that stick at the clamp force `stick_n`.
         stick_n: Clamp force to which `stick_share` applies, N.
@@ -69,6 +73,10 @@ class ScatterSpec:
 
     place_m: float
     opener_deg: float
+    pitch_deg: float
+    roll_deg: float
+    uneven_s: float
+    slope_deg: float
     clearance_sd_m: float
     stick_share: float
     stick_n: float
@@ -80,6 +88,8 @@ class ScatterSpec:
         """Validate the parameters."""
         require_within(self, 0.0, 0.02, "place_m", "clearance_sd_m")
         require_within(self, 0.0, 45.0, "opener_deg")
+        require_within(self, 0.0, 20.0, "pitch_deg", "roll_deg", "slope_deg")
+        require_within(self, 0.0, 0.1, "uneven_s")
         require_within(self, 0.0, 1.0, "stick_share")
         require_within(self, 1.0, 1000.0, "stick_n")
         require_within(self, -20.0, 20.0, "stick_exponent")

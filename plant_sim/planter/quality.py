@@ -62,6 +62,19 @@ def codes(speed_km_h: float, frequency_per_min: float, force_n: float) -> tuple[
     return x1, x2, x3
 
 
+def is_tested_force(force_n: float) -> bool:
+    """Return True for a force of the inner plates within the tested levels."""
+    lowest_n, highest_n = tested_forces_n()
+    return lowest_n - _ROUNDING <= force_n <= highest_n + _ROUNDING
+
+
+def tested_forces_n() -> tuple[float, float]:
+    """Return the lowest and the highest tested force of the inner plates, N."""
+    centre_n, step_n = _coding()[2]
+    reach_n = step_n * largest_codes()[2]
+    return centre_n - reach_n, centre_n + reach_n
+
+
 @cache
 def largest_codes() -> tuple[float, float, float]:
     """Return the largest tested code of each factor.

@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant_sim.planter.contact import Fall, drop
+from plant_sim.planter.contact import Disturbance, Fall, drop
 from plant_sim.planter.ground import GroundSpec
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
+from plant_sim.planter.roll import final_roll_deg
 
 Ranges = Mapping[str, tuple[float, float]]
 """Plausible ranges by dotted name, from `plant_sim.planter.parameters.load_ranges`."""
@@ -32,32 +33,43 @@ class Draw(NamedTuple):
         planter: Planter with the drawn masses and coefficients.
         ground: Ground with the drawn values.
         opener_deg: Deviation of the release from the position of the opener, degrees.
-        behind_m: Distance of the block behind its nominal position, m.
+        disturbance: Deviations of the block, the plates and the ground.
         sticks: True if the block sticks to one plate and lodges across the row; such a fall is not simulated.
     """
 
     planter: Planter
     ground: GroundSpec
     opener_deg: float
-    behind_m: float
+    disturbance: Disturbance
     sticks: bool
 
     def fall(self, motion: Motion, opener_deg: float) -> Fall:
-        """Simulate the fall of a block that does not stick.
+        """Simulate the fall, in the plane of travel, of a block that does not stick.
 
         Args:
             motion: Motion of the planters.
             opener_deg: Nominal phase of the start of the opening, degrees; the deviation is added.
         """
-        return drop(self.planter, self.ground, motion, opener_deg=opener_deg + self.opener_deg, behind_m=self.behind_m)
+        start_deg = opener_deg + self.opener_deg
+        return drop(self.planter, self.ground, motion, opener_deg=start_deg, disturbance=self.disturbance)
+
+    def roll_deg(self, motion: Motion, opener_deg: float) -> float:
+        """Simulate the fall across the row; return the angle of the stem from the vertical at rest, degrees.
+
+        Args:
+            motion: Motion of the planters.
+            opener_deg: Nominal phase of the start of the opening, degrees; the deviation is added.
+        """
+        start_deg = opener_deg + self.opener_deg
+        return final_roll_deg(self.planter, self.ground, motion, self.disturbance, opener_deg=start_deg)
 
 
 def draw(planter: Planter, ranges: Ranges, kind: Ground, rng: np.random.Generator) -> Draw:
-    """Draw the values of one fall.
+    """Draw the values of one fall: what varies from block to block.
 
-    Masses, coefficients and soil values are distributed uniformly over their ranges, and the positions of block and
-    opener uniformly up to their largest deviations. On soil, the clearance below the tip is normally distributed, and a
-    share of the blocks sticks.
+    Masses, coefficients and soil values are distributed uniformly over their ranges, and the deviations of block,
+    opener, plates and ground uniformly up to the largest ones of the section ``scatter``. On soil, the clearance below
+    the tip is normally distributed, and a share of the blocks sticks.
 
     Args:
         planter: Parameters of the planter.
@@ -65,23 +77,40 @@ def draw(planter: Planter, ranges: Ranges, kind: Ground, rng: np.random.Generato
         kind: Ground.
         rng: Random number generator.
     """
-    drawn = {
-        name: rng.uniform(*ranges[name])
-        for name in sorted(ranges)
-        if name.partition(".")[0] in ("block", kind) or name == "grip.guide_friction"
-    }
-    block, grip = _replaced(planter.block, "block", drawn), _replaced(planter.grip, "grip", drawn)
-    ground = _replaced(getattr(planter, kind), kind, drawn)
+    drawn = {name: rng.uniform(*ranges[name]) for name in sorted(ranges) if _varies(name, kind)}
+    changed = replaced(planter, drawn)
+    ground: GroundSpec = getattr(changed, kind)
     scatter, sticks = planter.scatter, False
     opener_deg, behind_m = scatter.opener_deg * rng.uniform(-1, 1), scatter.place_m * rng.uniform(-1, 1)
     if kind is Ground.SOIL:
         clearance_m = rng.normal(ground.clearance_m, scatter.clearance_sd_m)
         ground = dataclasses.replace(ground, clearance_m=float(np.clip(clearance_m, -0.02, 0.08)))
-        sticks = bool(rng.uniform() < scatter.stick_share_at(grip.clamp_n))
-    return Draw(dataclasses.replace(planter, block=block, grip=grip), ground, opener_deg, behind_m, sticks)
+        sticks = bool(rng.uniform() < scatter.stick_share_at(planter.grip.clamp_n))
+    pitch, roll, slope = rng.uniform(-1, 1, 3).tolist()
+    disturbance = Disturbance(
+        behind_m,
+        pitch_deg=scatter.pitch_deg * pitch,
+        roll_deg=scatter.roll_deg * roll,
+        uneven_s=scatter.uneven_s * rng.uniform(),
+        slope_deg=scatter.slope_deg * slope,
+    )
+    return Draw(changed, ground, opener_deg, disturbance, sticks)
 
 
-def _replaced(spec: Any, section: str, drawn: Mapping[str, float]) -> Any:
-    """Return a spec with the drawn values of its section."""
-    values = {name.partition(".")[2]: value for name, value in drawn.items() if name.partition(".")[0] == section}
-    return dataclasses.replace(spec, **values)
+def replaced(planter: Planter, values: Mapping[str, float]) -> Planter:
+    """Return a planter with drawn values by dotted name; a whole number is rounded."""
+    sections: dict[str, dict[str, float]] = {}
+    for name, value in values.items():
+        section, _, key = name.partition(".")
+        is_whole = isinstance(getattr(getattr(planter, section), key), int)
+        sections.setdefault(section, {})[key] = round(value) if is_whole else value
+    changed: dict[str, Any] = {
+        section: dataclasses.replace(getattr(planter, section), **drawn) for section, drawn in sections.items()
+    }
+    return dataclasses.replace(planter, **changed)
+
+
+def _varies(name: str, kind: Ground) -> bool:
+    """Return True for a parameter that varies from block to block; the mean clearance belongs to the machine."""
+    section, _, key = name.partition(".")
+    return name == "grip.guide_friction" or section == "block" or (section == kind and key != "clearance_m")

@@ -62,6 +62,27 @@ def verdict_of(tilt_deg: float, pushed_m: float) -> FallVerdict:
     return FallVerdict(str(verdicts_of(np.array(tilt_deg), np.array(pushed_m))))
 
 
+def margin_of(verdict: FallVerdict, tilt_deg: float, pushed_m: float) -> float:
+    """Return the signed distance of a fall from the limits of a verdict, positive if the fall has the verdict.
+
+    The distance is the smaller one of tilt and displacement, each as a share of its limit, and is at most 1.
+
+    Args:
+        verdict: `CLEAN`, `PUSHED` or `FORWARD`.
+        tilt_deg: Angle of the stem from the vertical at rest, forward positive, degrees.
+        pushed_m: Displacement by the guide plate from the first contact with the ground until rest, m.
+
+    >>> margin_of(FallVerdict.CLEAN, -3.0, 0.0005), margin_of(FallVerdict.PUSHED, 0.0, 0.0005)
+    (0.5, -0.5)
+    """
+    if verdict is FallVerdict.FORWARD:
+        margin = (tilt_deg - LODGED_DEG) / TILTED_DEG
+    else:
+        further = (abs(pushed_m) - PUSHED_M) / PUSHED_M
+        margin = min(1.0 - abs(tilt_deg) / TILTED_DEG, further if verdict is FallVerdict.PUSHED else -further)
+    return max(-1.0, min(1.0, margin))
+
+
 def verdicts_of(tilt_deg: NDArray[np.float64], pushed_m: NDArray[np.float64]) -> NDArray[np.str_]:
     """Return the value of the `FallVerdict` of each fall.
 

@@ -88,8 +88,7 @@ def slip_study(machine: Machine, *, seed: int, metres: float = METRES) -> Study:
             "both depend on the chain speed. Scatter of the slip becomes scatter of the spacing. A motor that "
             "follows the true ground speed is independent of slip, and only the scatter of the falls remains.",
             "The closed form adds the variances of slip and falls. A spacing s in patches of length L averages over "
-            "neighbouring patches, which leaves the fraction 1 - s/(3L) of the variance of the slip. In the rows, slip "
-            "is never negative, so they scatter less if the mean is less than two standard deviations.",
+            "neighbouring patches, which leaves the fraction 1 - s/(3L) of the variance of the slip.",
         ),
         record={"metres": metres, "seed": seed, "points": [_record(point) for point in points]},
     )
@@ -117,7 +116,9 @@ def slip_point(line: LineFile, machine: Machine, *, mean: float, sd: float, seed
     low, high = np.percentile(row.ratio, (5, 95))
     has_wheel = line.drive.lag is None
     ratio = float(np.median(row.ratio))
-    falls_m = float(table.draw(np.full(4_000, ratio), np.random.default_rng(seed), clamp_n=clamp_n).along_m.std())
+    frequency_per_min = 60 * float(np.median(row.speed_m_s)) * ratio / planter.pitch_m
+    falls = planter.draw(np.full(4_000, ratio), np.random.default_rng(seed), frequency_per_min=frequency_per_min)
+    falls_m = float(falls.along_m.std())
     return SlipPoint(
         drive="ground wheel" if has_wheel else "motor",
         mean=mean,

@@ -18,18 +18,13 @@ from plant_sim.crop.seedling import TRAY_CELLS
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import Machine
 from plant_sim.twin.ending.reported import ReportedEvents
-from plant_sim.twin.ending.rule import INTERRUPTED, REST_LIMIT_MS, EndingRule, TrialEnd, default_max_ms
+from plant_sim.twin.ending.rule import INTERRUPTED, EndingRule, TrialEnd, default_max_ms
 from plant_sim.twin.lock_step import NotReachedError, Twin
 from plant_sim.twin.progress import ProgressView, progress_of
 from plant_sim.twin.recording import recorded
 from plant_sim.twin.report import TrialReport, make_report
 
 PROGRESS_MS = 1_000
-LOOK_MS = 100
-"""Period in which a trial looks at events, seedlings and the request to stop, ms."""
-RARE_LOOK_MS = REST_LIMIT_MS
-"""The same for a trial that only the machine can end, ms: a rest that begins after a look ends it no sooner than the
-next one."""
 START_PAUSE_MS = 200
 
 
@@ -142,16 +137,14 @@ class _Trial:
     def _until(self, state: State) -> TrialEnd | None:
         """Run until the machine is in a state; return the end of the trial if it comes first."""
         twin, word = self._twin, self._twin.machine.tags.machine.state
-        look_ms = LOOK_MS if self._ends_at_last or self._stop is not None else RARE_LOOK_MS
+        by_machine_only = self._stop is None and not self._ends_at_last
         reached = any_of(word.equals(state), word.equals(State.COMPLETE))
         while True:
             ending = self._ending()
             if ending is not None:
                 return ending
-            now_ms = twin.now_ms
-            next_ms = self._rule.next_ms(now_ms, self.reported.rest)
-            for_ms = look_ms - now_ms % look_ms
-            if twin.runs_until(reached, for_ms=for_ms if next_ms is None else min(for_ms, next_ms - now_ms)):
+            look_ms = self._rule.next_look_ms(twin.now_ms, self.reported.rest, by_machine_only=by_machine_only)
+            if twin.runs_until(reached, for_ms=look_ms - twin.now_ms):
                 return None
 
     def _ending(self) -> TrialEnd | None:

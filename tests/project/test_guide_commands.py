@@ -74,7 +74,7 @@ PAPERS: Final = {
     for item in paper_items(paper)
     for command in item.commands
 }
-"""Commands that test_papers.py runs."""
+"""Commands that ``tests/plant_sim/papers`` runs."""
 LONG: Final = {
     ".venv/bin/python -m controller prove --mutants 20 --seed 1",
     ".venv/bin/python -m controller prove --mutants 300 --seed 1 --out docs/reference",

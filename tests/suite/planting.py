@@ -104,12 +104,12 @@ class SourceCopy:
             path.write_bytes(original)
             os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
-    def run(self, tests: Iterable[str], limit_s: float) -> Outcome:
-        """Run test files or tests in the given order until the first failure."""
+    def run(self, tests: Iterable[str], limit_s: float, marks: str = "not nightly and not weekly") -> Outcome:
+        """Run those test files or tests that have the marks, in the given order until the first failure."""
         variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
         variables |= {"PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self._machine_code)}
         variables.pop("PYTHONDONTWRITEBYTECODE", None)
-        options = ("-x", "-p", "no:cacheprovider", "--tb=short", "--timeout=200")
+        options = ("-x", "-m", marks, "-p", "no:cacheprovider", "--tb=short", "--timeout=200")
         code: int | None = None
         before, start_s = _cpu_s(), perf_counter()
         with TemporaryFile() as output:

@@ -15,6 +15,7 @@ from controller.cli.ladder.page import add_page
 from controller.cli.ladder.sizes import add_sizes
 from controller.common.document.rendering import write_texts
 from controller.common.errors import InputError
+from controller.fx.doubts.doubts import doubts
 from controller.fx.drawing.ladder import draw
 from controller.fx.drawing.timing_diagram import draw_timing
 from controller.fx.engine.parts import parts_of
@@ -80,13 +81,13 @@ def run(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     ladder = load_ladder(options.file, cpu_of(options))
     parts_of(ladder)  # raises if the program cannot be run, which is an error and not a finding
-    findings = check(ladder)
+    findings, doubtful = check(ladder), doubts(ladder)
     for note in ladder.notes:
         print(f"{ladder.source}:1: note: {note}")
-    for each in findings:
+    for each in sorted([*findings, *doubtful], key=lambda finding: finding.line):
         print(f"{ladder.source}:{each.line}: {each.severity}: {each.text}")
     errors = sum(each.severity == "error" for each in findings)
-    print(f"{usage(ladder)}; {errors} errors, {len(findings) - errors} warnings")
+    print(f"{usage(ladder)}; {errors} errors, {len(findings) - errors} warnings, {len(doubtful)} doubts")
     if ladder.cpu is FX2N:
         print(scan_time_bounds(ladder))
     return 1 if errors else 0

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
-from controller.common.modbus.client import ClientFrames, RtuFrames, TcpFrames
-from controller.common.modbus.rtu import LONGEST_FRAME, SerialLine
+from controller.common.modbus.client import ClientFrames, RtuFrames, TcpFrames, may_equal_request
+from controller.common.modbus.rtu import LONGEST_FRAME, SerialLine, framed
+
+_READ_OF_ONE_REGISTER: Final = bytes([3, 0, 0, 0, 1])
+"""Request whose answer, be it an exception, is never equal to it."""
 
 
 class ModbusClientError(OSError):
@@ -183,7 +186,7 @@ class AsyncRtuClient:
         """
         self.address = line.path
         self._line, self._timeout_s = line, timeout_s
-        self._frames = RtuFrames()
+        self._frames = RtuFrames(line.path)
         self._exchange = _Exchange(self._frames)
         self._port: Any = None
         self._quiet_until_s = 0.0
@@ -200,14 +203,22 @@ class AsyncRtuClient:
             self._port = self._line.open()
         except (OSError, ValueError, OverflowError) as error:
             raise ModbusClientError(f"serial line cannot be opened: {error}") from error
+        self._frames.forget_adapter()
         asyncio.get_running_loop().add_reader(self._port.fileno(), self._read)
 
     async def request(self, pdu: bytes) -> bytes:
         """Send a request and return its answer, both from the function code on.
 
+        A read precedes it if its answer could be mistaken for the request that an unknown adapter returns.
+
         Raises:
             ModbusClientError: The line is closed, or there is no valid answer in time.
         """
+        if self._frames.returns_requests is None and may_equal_request(framed(self._line.unit, pdu)):
+            await self._exchanged(_READ_OF_ONE_REGISTER)
+        return await self._exchanged(pdu)
+
+    async def _exchanged(self, pdu: bytes) -> bytes:
         if self._port is None:
             raise ModbusClientError("not connected")
         loop = asyncio.get_running_loop()

@@ -18,6 +18,7 @@ _KINDS: Final = {
     "Timers T": "T",
     "Counters C": "C",
     "Registers D": "D",
+    "Extension registers R": "R",
 }
 _CURRENT: Final = {"T": "TN", "C": "CN"}
 _BITS: Final = frozenset("XYMSTC")

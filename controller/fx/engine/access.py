@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from controller.core.devices import SIZES
+from controller.core.devices import EXTENSION, SIZES
 from controller.fx.engine.cpu import Cpu, OperationError, index_register
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand, WordBit
 
@@ -132,8 +132,8 @@ def words(cpu: Cpu, operand: Operand, wide: bool) -> Words:
 
     Args:
         cpu: CPU with the memory.
-        operand: T, C (current values), D, V, Z, a bit group, or a constant (read only).
-        wide: Whether words have 32 bits. T, D and C0-C199 then occupy two registers, low word first; V and Z of the
+        operand: T, C (current values), D, R, V, Z, a bit group, or a constant (read only).
+        wide: Whether words have 32 bits. T, D, R and C0-C199 then occupy two registers, low word first; V and Z of the
             same number form one register, with Z as the low word; C200 and up have 32 bits and are valid only in this
             form.
     """
@@ -150,6 +150,9 @@ def words(cpu: Cpu, operand: Operand, wide: bool) -> Words:
             long = number >= 200
             spans = (_COUNTERS[long],) if wide or not long else ()
             return _long_counters(cpu, operand, spans) if long else _registers(cpu, operand, spans, wide)
+        case DeviceOperand("R", number, index):
+            registers = range(EXTENSION, cpu.model.sizes["D"])
+            return _registers(cpu, DeviceOperand("D", EXTENSION + number, index), (registers,), wide)
         case DeviceOperand("T" | "D" as kind):
             return _registers(cpu, operand, _spans(cpu, kind), wide)
     raise TypeError(f"not a word: {operand}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from controller.core.devices import WORD_MAX, is_32_bit_counter
+from controller.core.devices import EXTENSION, WORD_MAX, is_32_bit_counter
 from controller.fx.engine.access import signed, width_of
 from controller.fx.engine.code import (
     Arithmetic,
@@ -60,6 +60,8 @@ def plain_word(operand: Operand, *, wide: bool = False) -> Value | None:
         case DeviceOperand("D", number, "") if wide:
             low = Arithmetic("&", RowElement("D", number), 0xFFFF)
             return Arithmetic("|", Arithmetic("<<", RowElement("D", number + 1), 16), low)
+        case DeviceOperand("R", number, ""):
+            return plain_word(DeviceOperand("D", EXTENSION + number), wide=wide)
         case DeviceOperand("C", number, "") if wide == is_32_bit_counter(number):
             return RowElement("CV", number)
         case DeviceOperand("D", number, ""):
@@ -96,7 +98,7 @@ def set_to(operand: Operand, *, on: bool) -> tuple[Statement, ...]:
             return _stopped(n)
         case DeviceOperand("C", n):
             return Store(RowElement("CV", n), 0), Store(RowElement("C", n), value=False)
-        case DeviceOperand("D" | "V" | "Z"):
+        case DeviceOperand("D" | "R" | "V" | "Z"):
             register = plain_word(operand)
             assert isinstance(register, RowElement)  # noqa: S101 - RST of an indexed register is rejected by the parser
             return (Store(register, 0),)

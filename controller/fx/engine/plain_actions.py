@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final, Literal
 
-from controller.core.devices import WORD_MAX, WORD_MIN
+from controller.core.devices import EXTENSION, WORD_MAX, WORD_MIN
 from controller.fx.engine.access import width_of
 from controller.fx.engine.code import (
     Arithmetic,
@@ -136,7 +136,7 @@ def _product(operands: tuple[Operand, ...]) -> tuple[Statement, ...] | None:
     """Return the statements for a 16-bit MUL into two registers."""
     left, right = (plain_word(operand) for operand in operands[:2])
     match operands[2]:
-        case DeviceOperand("D", number, "") as target if number + 1 not in (_SPECIAL, _AFTER_LAST):
+        case DeviceOperand("D", number, "") as target if number + 1 not in (_SPECIAL, _AFTER_LAST, EXTENSION):
             if left is not None and right is not None:
                 return _assigned(Arithmetic("*", left, right), target, wide=True)
     return None
@@ -156,6 +156,8 @@ def _assigned(value: Value | None, target: Operand, wide: bool) -> tuple[Stateme
 def _stores(target: Operand, wide: bool) -> tuple[Statement, ...] | None:
     """Return the statements that write the variable `_RESULT` to a word; None if it is not supported."""
     match target:
+        case DeviceOperand("R", number, ""):
+            return _stores(DeviceOperand("D", EXTENSION + number), wide)
         case DeviceOperand("D", number, "") if wide:
             high = Store(RowElement("D", number + 1), Arithmetic(">>", _RESULT, 16))
             return Store(RowElement("D", number), _wrapped(_RESULT, 16)), high

@@ -13,6 +13,7 @@ from controller.common.object_state import ObjectState
 from controller.core.devices import (
     ANNUNCIATOR_ON,
     ANNUNCIATORS,
+    EXTENSION,
     LOWEST_ANNUNCIATOR,
     SIZES,
 )
@@ -283,6 +284,8 @@ class FxPlc:
                 bits[number] = False
         for number in self._numbers("D", latched=latched):
             memory.D[number] = 0
+        if latched:
+            memory.D[EXTENSION:] = [0] * len(memory.D[EXTENSION:])
         for number in self._numbers("T", latched=latched):
             memory.TV[number], memory.TS[number] = 0, -1
         for number in self._numbers("C", latched=latched):

@@ -34,7 +34,7 @@ MOST_STEPS: Final = FX2N.most_steps
 CASSETTE_STEPS: Final = 16_000
 """Program memory of an FX2N with a memory cassette of 16K steps (from memory)."""
 
-Severity = Literal["warning", "error"]
+Severity = Literal["warning", "error", "doubt"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Finding:
     """Warning or error about a program.
 
     Attributes:
-        severity: "error" = an FX2N cannot run the program.
+        severity: "error" = an FX2N cannot run the program; "doubt" = its result may differ from that of this engine.
         line: Source line, from 1.
         text: Description and, after a semicolon, the remedy.
     """
@@ -58,7 +58,7 @@ class Usage:
 
     Attributes:
         steps: Program steps, including END.
-        devices: Number of different devices by kind (X Y M S T C D), excluding special devices.
+        devices: Number of different devices by kind (X Y M S T C D, R of an FX3U), excluding special devices.
         cpu: The CPU.
     """
 
@@ -85,7 +85,8 @@ def available(kind: str, cpu: CpuModel = FX2N) -> int:
 def usage(ladder: Ladder) -> Usage:
     """Return the resources of the CPU used by a program; an indexed device counts as the device without its index."""
     used, ranges = devices_of(ladder), ladder.cpu.ranges
-    devices = {kind: sum(k == kind and number in ranges[k][0] for k, number in used) for kind in SIZES}
+    kinds = [kind for kind in (*SIZES, "R") if kind in ranges]
+    devices = {kind: sum(k == kind and number in ranges[k][0] for k, number in used) for kind in kinds}
     return Usage(sum(map(steps, ladder.instructions)), devices, ladder.cpu)
 
 

@@ -49,7 +49,7 @@ def commented_devices(ladder: Ladder) -> Iterator[tuple[DeviceOperand, str]]:
         if instruction.name == "STL" and at in ladder.titles
     }
     comments = _special_functions() | titles | ladder.comments
-    order = list(SIZES)
+    order = [*SIZES, "R"]
     for kind, number in sorted(devices_of(ladder), key=lambda key: (order.index(key[0]), key[1])):
         device = DeviceOperand(kind, number)
         comment = one_line(comments.get(str(device), ""))

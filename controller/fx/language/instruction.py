@@ -19,7 +19,7 @@ class LadderError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class DeviceOperand:
-    """Device operand: X, Y, M, S, T, C, D, V or Z.
+    """Device operand: X, Y, M, S, T, C, D, V or Z; with an FX3U also R.
 
     Attributes:
         kind: Device letter.

@@ -25,12 +25,12 @@ from controller.fx.language.instruction import (
     WordBit,
 )
 
-WORDS: Final = frozenset({"KnX", "KnY", "KnM", "KnS", "T", "C", "D", "V", "Z"})
+WORDS: Final = frozenset({"KnX", "KnY", "KnM", "KnS", "T", "C", "D", "R", "V", "Z"})
 OPERAND_KINDS: Final[dict[str, frozenset[str]]] = {
     "source": WORDS | {"K", "H"},
     "target": WORDS - {"KnX"},
     "number": frozenset({"K", "H"}),
-    "count": frozenset({"K", "H", "D"}),
+    "count": frozenset({"K", "H", "D", "R"}),
     "words": WORDS - {"V", "Z"},
     "target words": WORDS - {"KnX", "V", "Z"},
     "source words": (WORDS | {"K", "H"}) - {"V", "Z"},
@@ -43,17 +43,17 @@ OPERAND_KINDS: Final[dict[str, frozenset[str]]] = {
     "S": frozenset({"S"}),
     "T": frozenset({"T"}),
     "C": frozenset({"C"}),
-    "D": frozenset({"D"}),
-    "clock": frozenset({"T", "C", "D"}),
-    "zone": frozenset({"Y", "M", "S", "T", "C", "D"}),
-    "bit or word": frozenset({"X", "Y", "M", "S", "T", "C", "D", "V", "Z", "K", "H"}),
-    "bit or target": frozenset({"Y", "M", "S", "T", "C", "D", "V", "Z"}),
+    "D": frozenset({"D", "R"}),
+    "clock": frozenset({"T", "C", "D", "R"}),
+    "zone": frozenset({"Y", "M", "S", "T", "C", "D", "R"}),
+    "bit or word": frozenset({"X", "Y", "M", "S", "T", "C", "D", "R", "V", "Z", "K", "H"}),
+    "bit or target": frozenset({"Y", "M", "S", "T", "C", "D", "R", "V", "Z"}),
     "out": frozenset({"Y", "M", "S", "T", "C", "D.b"}),
     "set": frozenset({"Y", "M", "S", "D.b"}),
-    "reset": frozenset({"Y", "M", "S", "T", "C", "D", "V", "Z", "D.b"}),
-    "preset": frozenset({"K", "H", "D"}),
-    "float": frozenset({"K", "H", "D", "E"}),
-    "real": frozenset({"D", "E"}),
+    "reset": frozenset({"Y", "M", "S", "T", "C", "D", "R", "V", "Z", "D.b"}),
+    "preset": frozenset({"K", "H", "D", "R"}),
+    "float": frozenset({"K", "H", "D", "R", "E"}),
+    "real": frozenset({"D", "R", "E"}),
     "X": frozenset({"X"}),
     "set at once": frozenset({"Y", "M", "S", "I"}),
     "reset at once": frozenset({"Y", "M", "S", "C"}),
@@ -61,7 +61,7 @@ OPERAND_KINDS: Final[dict[str, frozenset[str]]] = {
     "N": frozenset({"N"}),
     "P": frozenset({"P"}),
 }
-"""Accepted operand kinds by operand role."""
+"""Accepted operand kinds by operand role; only an FX3U has E, R and D.b."""
 READ: Final = frozenset(
     {
         "contact",
@@ -394,4 +394,4 @@ def _coil_steps(name: str, device: DeviceOperand) -> int:
         if name == "RST":
             return 2
         return 5 if device.kind == "C" and device.number >= 200 else 3
-    return 3 if device.kind in "DVZ" else 1
+    return 3 if device.kind in "DRVZ" else 1

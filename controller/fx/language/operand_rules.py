@@ -142,7 +142,7 @@ def limits(kind: str, cpu: CpuModel = FX2N) -> str:
         >>> limits("X"), limits("M")
         ('X0 to X377', 'M0 to M3071 and M8000 to M8255')
     """
-    joined = (range(cpu.sizes["D"]),) if kind == "D" else cpu.ranges[kind]
+    joined = (range(cpu.ranges["D"][-1].stop),) if kind == "D" else cpu.ranges[kind]
     return " and ".join(f"{device_name(kind, span[0])} to {device_name(kind, span[-1])}" for span in joined)
 
 

@@ -103,14 +103,14 @@ _OPERANDS: Final = {
         "digits": rf"K(?P<digits>[0-9]{{1,3}})(?P<kind>[XYMS]){_NUMBER}{_INDEX}",
         "bit of a word": rf"D{_NUMBER}\.(?P<bit>[0-9A-F])",
         "real": r"E(?P<real>[-+]?[0-9]{1,20}(\.[0-9]{1,40})?)(?P<exponent>[-+][0-9]{1,2})?",
-        "device": rf"(?P<kind>[XYMSTCD]){_NUMBER}{_INDEX}",
+        "device": rf"(?P<kind>[XYMSTCDR]){_NUMBER}{_INDEX}",
         "index register": r"(?P<kind>[VZ])(?P<number>[0-9]{0,3})",
         "pointer": r"(?P<kind>[PI])(?P<number>[0-9]{1,4})",
         "nest": r"N(?P<number>[0-9]{1,4})",
     }.items()
 }
 _FX3_OPERANDS: Final = {
-    "an extension register (R)": re.compile(r"E?R[0-9]+.*"),
+    "an extension file register (ER)": re.compile(r"ER[0-9]+.*"),
     "a buffer memory of a module (U\\G)": re.compile(r"U[0-9A-F]+\\G[0-9]+.*"),
     "a text": re.compile(r"\".*"),
 }
@@ -192,6 +192,8 @@ def _device(part: dict[str, str | None], index: str, cpu: CpuModel) -> DeviceOpe
     if kind in "XY" and not set(digits) <= set("01234567"):
         raise OperandError(f"{kind}{digits} has a digit 8 or 9, but {kind} is octal; {kind}7 is followed by {kind}10")
     number = int(digits, 8 if kind in "XY" else 10)
+    if kind == "R":
+        _require_fx3(f"R{number} is an extension register", cpu, "use D")
     require_in_range(kind, number, cpu=cpu)
     return DeviceOperand(kind, number, index)
 

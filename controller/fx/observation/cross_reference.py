@@ -15,7 +15,7 @@ from controller.fx.language.operand_rules import Key
 from controller.fx.language.rung_shapes import rungs_of
 from controller.fx.observation.device_use import device_uses
 
-_DEVICE: Final = re.compile(r"([XYMSTCDVZ])(\d+)", re.IGNORECASE)
+_DEVICE: Final = re.compile(r"([XYMSTCDRVZ])(\d+)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)

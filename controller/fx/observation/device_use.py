@@ -53,7 +53,7 @@ def _further_words(instruction: Instruction, n: int) -> Iterator[Key]:
         return
     covered = len(list(covered_devices(instruction, n, operand)))
     count = covered
-    if operand.kind == "D":
+    if operand.kind in "DR":
         product = form.kind.name in ("MUL", "DIV") and n == 2
         count *= (2 if form.wide else 1) * (2 if product else 1)
         count += (form.kind.name, n) in _WORK_WORDS

@@ -70,7 +70,7 @@ class EndValues:
         for field in fields(Memory):
             if field.name != "E":
                 row: list[Any] = getattr(memory, field.name)
-                getattr(own, field.name)[:] = row
+                getattr(own, field.name)[: len(row)] = row
         for row in self._functions.records.values():
             row[:] = [None] * len(row)
         self._functions.run(0)

@@ -93,7 +93,7 @@ class ObservedPlc(FxPlc):
         for field in fields(Memory):
             row: list[Any] = getattr(memory, field.name)
             if field.name != "E" or row:
-                getattr(self.memory, field.name)[:] = row
+                getattr(self.memory, field.name)[: len(row)] = row
         steps = len(self.execution.activity)
         self.execution.activity[:] = [True] * steps if activity is None else activity
         self.scans = 0 if first else max(1, self.scans)

@@ -131,8 +131,8 @@ def put_values(plc: FxPlc, levels: list[bool], values: Values) -> None:
                 plc.cpu.set_timer(place.number, value)
             case "CN":
                 memory.set_word(CURRENT_VALUES["CN"], place.number, value)
-            case "D":
-                memory.D[place.number] = value
+            case "D" | "R":
+                memory.set_word(place.kind, place.number, value)
             case "V" | "Z":
                 memory.D[index_register(str(place))] = value
             case kind:

@@ -59,7 +59,7 @@ class WatchedDevice:
     """Device that is set or watched.
 
     Attributes:
-        kind: X, Y, M, S, T, C, D, V, Z, TN or CN.
+        kind: X, Y, M, S, T, C, D, R, V, Z, TN or CN.
         number: Device number; for X and Y, the value of the octal label.
     """
 
@@ -73,7 +73,7 @@ class WatchedDevice:
     def limits(self) -> tuple[int, int]:
         """Lowest and highest value of the device."""
         match self.kind:
-            case "D" | "V" | "Z":
+            case "D" | "R" | "V" | "Z":
                 return WORD_MIN, WORD_MAX
             case "CN" if is_32_bit_counter(self.number):
                 return -(2**31), 2**31 - 1
@@ -84,8 +84,8 @@ class WatchedDevice:
     def read(self, memory: Memory) -> int:
         """Return the value; words are signed, and X is read from the input image."""
         match self.kind:
-            case "D":
-                return signed(memory.D[self.number], 16)
+            case "D" | "R":
+                return signed(memory.word(self.kind, self.number), 16)
             case "V" | "Z":
                 return signed(memory.D[index_register(str(self))], 16)
             case "TN" | "CN":

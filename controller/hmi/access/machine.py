@@ -297,7 +297,7 @@ class MachineSession:
             raise self.refused(str(values[0][0]), numbers, _refusal_of([device for device, _ in values]))
         changes = {state.set_points[device.number][0]: str(value) for device, value in values}
         written = [(f"set {name}", value) for name, value in changes.items()]
-        await self._taken([], written, state.runtime.checked(changes))
+        await self._taken([], written, state.runtime.machine.tags.sp.changes(changes))
 
     async def _act_on_alarm(self, values: Sequence[int]) -> None:
         action, number, minutes = values

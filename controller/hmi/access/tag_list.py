@@ -27,6 +27,7 @@ COLUMNS: Final = (
     "device",
     "type",
     "words",
+    "word_order",
     "access",
     "lowest",
     "highest",
@@ -34,6 +35,8 @@ COLUMNS: Final = (
     "meaning",
 )
 
+WORD_ORDER: Final = "low first"
+"""Order of the words of every 32-bit number of the server."""
 _UNIT_OF_TEN: Final = "10 ms"
 _UNIT_OF_HUNDRED: Final = "100 ms"
 
@@ -47,7 +50,7 @@ class Tag:
         table: Modbus table; holding registers can also be read as input registers, coils as discrete inputs.
         address: Zero-based Modbus address.
         device: FX device name; R devices belong to the server, not to the program.
-        kind: Data type; uint32 is stored low word first.
+        kind: Data type.
         words: Number of registers; 0 for a bit.
         access: Read or write access.
         meaning: Meaning of the value.
@@ -67,6 +70,11 @@ class Tag:
     lowest: int | None = None
     highest: int | None = None
     unit: str = ""
+
+    @property
+    def word_order(self) -> str:
+        """Order of the words of a 32-bit number, by ascending address; empty for other tags."""
+        return WORD_ORDER if self.kind == "uint32" else ""
 
 
 def tags(machine: Transplanter) -> tuple[Tag, ...]:
@@ -102,6 +110,7 @@ def _row(tag: Tag) -> tuple[object, ...]:
         tag.device,
         tag.kind,
         tag.words,
+        tag.word_order,
         tag.access,
         *limits,
         tag.unit,

@@ -13,7 +13,7 @@ from typing import Final
 
 from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
 from controller.common.stop_request import Stop
-from controller.core.devices import RUN_MONITOR, SIZES
+from controller.core.devices import EXTENSION, RUN_MONITOR, SIZES
 from controller.fx.engine.plc import FxPlc
 from controller.hmi.serving.devices import (
     AccessRefusal,
@@ -91,7 +91,7 @@ class LivePlc:
             if device.kind == "TN":
                 self.plc.cpu.set_timer(device.number, value)
             else:
-                self.plc.memory.set_word("C" if device.kind == "CN" else "D", device.number, value)
+                self.plc.memory.set_word("C" if device.kind == "CN" else device.kind, device.number, value)
 
 
 class LiveSession:
@@ -130,8 +130,10 @@ class LiveSession:
     def read_words(self, first: Device, count: int) -> list[int]:
         """Return consecutive words of the last scan, or of the one that is held, unsigned."""
         check_words(first, count, cpu=self._cpu)
-        words, start = self.snapshot.read().words[first.kind], first.number
-        if first.kind == "CN":
+        words, start = self.snapshot.read().words["D" if first.kind == "R" else first.kind], first.number
+        if first.kind == "R":
+            start += EXTENSION
+        elif first.kind == "CN":
             words, start = words_of_counters(words), word_index(start)
         return [word & 0xFFFF for word in words[start : start + count]]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Final
 
-from controller.core.devices import INITIAL_PULSE, Memory, device_name, timer_base_ms
+from controller.core.devices import EXTENSION, INITIAL_PULSE, Memory, device_name, timer_base_ms
 from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS
 from controller.fx.language.instruction import Ladder
 from controller.fx.language.instruction_set import step_numbers
@@ -28,7 +28,7 @@ from controller.hmi.serving.snapshot import HELD_SCANS
 
 _SPECIAL: Final = 8000
 """First of the special relays and registers, which the system writes during a scan."""
-_WORDS: Final = {"D": "D", "T": "TV", "C": "CV"}
+_WORDS: Final = frozenset("DRTC")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +80,12 @@ class LiveScanObserver:
         self._plc = ObservedPlc(ladder, input_filter_ms=0)
         uses = [use for each in ladder.instructions for use in device_uses(each)]
         written = {key for key, is_written in uses if is_written}
-        self._used = sorted({key for key, _ in uses if key[0] in "XYMSTCD"} - set(work))
+        self._used = sorted({key for key, _ in uses if key[0] in "XYMSTCDR"} - set(work))
         self.devices = frozenset((*self._used, ("M", INITIAL_PULSE)))
         self._given = [
-            (kind, number) for kind, number in self._used if number < _SPECIAL and (kind, number) not in written
+            (kind, number)
+            for kind, number in self._used
+            if (number < _SPECIAL or kind == "R") and (kind, number) not in written
         ]
         self._ladder = ladder
         self._steps = step_numbers(ladder.instructions)
@@ -150,7 +152,7 @@ class LiveScanObserver:
         memory.CE[:] = own.CE
         for kind in "MD":
             special, own_special = getattr(memory, kind), getattr(own, kind)
-            for number in range(_SPECIAL, len(special)):
+            for number in range(_SPECIAL, min(len(special), EXTENSION)):
                 if (kind, number) not in self.devices:
                     special[number] = own_special[number]
         for kind, number in self._given:
@@ -172,7 +174,7 @@ class LiveScanObserver:
         own = self._plc.memory
         names: list[str] = []
         for kind, number in self._used:
-            differs = kind != "D" and own.bits(kind)[number] != held.bits(kind)[number]
+            differs = kind not in "DR" and own.bits(kind)[number] != held.bits(kind)[number]
             if kind in _WORDS:
                 differs = differs or own.word(kind, number) != held.word(kind, number)
             if differs:

@@ -2,7 +2,8 @@
 
 An FX2N has no Modbus slave, but commercial panels support the map of its successor (fx2n.md 3.1: bit devices, D, D8000,
 TN and CN are documented in the manual; that counters from C200 have two words is general knowledge and fits
-the addresses). An FX2N has no R registers; the R area is for registers that a program is served with.
+the addresses). An FX2N has no R registers; the R area is for the registers of an FX3U, or for those that the machine's
+program is served with.
 """
 
 from __future__ import annotations

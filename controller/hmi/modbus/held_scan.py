@@ -8,6 +8,7 @@ from typing import Final
 
 from controller.common.modbus.client_requests import ExceptionReplyError
 from controller.core.devices import WORD_MAX, Memory, is_32_bit_counter
+from controller.fx.language.cpu_model import FX3U
 from controller.hmi.modbus.connection import ModbusConnection
 from controller.hmi.modbus.fx3u_map import (
     HELD_SCAN,
@@ -25,7 +26,7 @@ MOST_WORDS: Final = 124
 """Numbers of values in one request; an even number of words keeps the two words of a counter together."""
 _BIT_GAP, _WORD_GAP = 400, 25
 """Unused devices that are read because another request would take longer: those of about 50 bytes."""
-_WORD_KINDS: Final = {"D": "D", "T": "TN", "C": "CN"}
+_WORD_KINDS: Final = {"D": "D", "R": "R", "T": "TN", "C": "CN"}
 
 Used = Collection[tuple[str, int]]
 """Kinds and numbers of devices; X and Y by the value of the octal label."""
@@ -91,6 +92,8 @@ class HeldScanReader:
 
     async def _memory(self) -> Memory:
         memory = Memory()
+        if any(block.kind == "R" for block in self._words):
+            memory.D += [0] * (FX3U.sizes["D"] - len(memory.D))
         for block in self._bits:
             if block.kind == "X":
                 bits = await self._connection.read_bits(discrete_address("X", block.number), block.count, discrete=True)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 BIT_KINDS: Final = frozenset("XYMSTC")
 WORD_KINDS: Final = frozenset({"D", "R", "TN", "CN"})
-_DEVICE_OF_WORD: Final = {"D": "D", "TN": "T", "CN": "C"}
+_DEVICE_OF_WORD: Final = {"D": "D", "R": "R", "TN": "T", "CN": "C"}
 
 
 class AccessRefusal(Enum):
@@ -131,13 +131,13 @@ def check_words(first: Device, count: int, registers: int = 0, cpu: CpuModel = F
     Args:
         first: First device.
         count: Number of words.
-        registers: Number of R registers.
+        registers: Number of status registers in place of the R registers of the CPU; 0 = none.
         cpu: CPU.
     """
     if count < 1 or splits_counter(first, count):
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     last = last_counter(first.number, count) if first.kind == "CN" else first.number + count - 1
-    if first.kind == "R":
+    if first.kind == "R" and registers:
         if not 0 <= first.number <= last < registers:
             raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     elif first.kind in _DEVICE_OF_WORD:

@@ -30,7 +30,7 @@ class Snapshot:
         at_ms: Time of the scan, ms.
         scans: Number of completed scans.
         bits: X, Y, M, S, T and C levels by number; X and Y by the value of the octal label.
-        words: D, TN and CN values by number, signed.
+        words: D, TN and CN values by number, signed; the D of an FX3U are followed by R.
     """
 
     at_ms: int

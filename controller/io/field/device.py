@@ -22,7 +22,7 @@ from controller.common.modbus.client_requests import (
 )
 from controller.common.modbus.io_map import ModbusTable
 from controller.common.modbus.output_owner import REPORT_OFFSET, REPORT_WORDS, OwnerReport
-from controller.io.field.blocks import blocks_of, register_runs
+from controller.io.field.blocks import PointBlock, blocks_of, register_runs
 from controller.io.field.field_file import DevicePlan
 from controller.io.field.line import BusLine, Exchange
 from controller.io.field.schema import TripEntry, WriteEntry
@@ -114,14 +114,17 @@ class FieldDevice:
     def open(self) -> Steps:
         """Prepare the device on its open line.
 
-        No earlier answer can follow; the model is compared; a trip is noted; the settings are compared and written.
+        The adapter is known; no earlier answer can follow; the model is compared; a trip is noted; the settings are
+        compared and written.
 
         Raises:
             LinkError: The device does not answer, reports another model, or refuses a setting.
         """
         self.close()
-        if not self.line.sequenced and self.plan.echo:
-            yield from self._synchronise()
+        if not self.line.sequenced:
+            yield from self._show_adapter()
+            if self.plan.echo:
+                yield from self._synchronise()
         yield from self._compare_model()
         yield from self.note_trip()
         if not self.tripped:
@@ -218,9 +221,7 @@ class FieldDevice:
 
     def read_back(self) -> list[Exchange]:
         """Return the exchanges that read the outputs."""
-        area = self.plan.traits.outputs
-        shift = 0 if area is None or area.read_back is None else area.read_back - area.first
-        return [self._exchange(block.read("outputs", block.first + shift)) for block in self.outputs]
+        return [self._exchange(block.read("outputs", self._read_back_first(block))) for block in self.outputs]
 
     def store_outputs(self, exchanges: Sequence[Exchange], image: list[bool]) -> None:
         """Write the levels of the outputs that have been read to an image.
@@ -285,6 +286,30 @@ class FieldDevice:
         """Note that the device must be prepared again."""
         self._is_ready = self.has_inputs = False
         self._received = self.confirmed = self._written_s = None
+
+    def _read_back_first(self, block: PointBlock) -> int:
+        """Return the first offset at which a block of outputs is read."""
+        area = self.plan.traits.outputs
+        return block.first + (0 if area is None or area.read_back is None else area.read_back - area.first)
+
+    def _show_adapter(self) -> Steps:
+        """Read one point: no answer can be equal to the request, so that the adapter shows what it returns.
+
+        An earlier answer shows it as well as that to this request, so that its content is of no importance.
+
+        Raises:
+            LinkError: The device does not answer.
+        """
+        if self.inputs:
+            table, first = self.inputs[0].table, self.inputs[0].first
+        elif self.outputs:
+            table, first = self.outputs[0].table, self._read_back_first(self.outputs[0])
+        else:
+            table, first = ModbusTable.HOLDING_REGISTER, self.registers[0][0]
+        each = self._exchange(read(table, first, 1, "point"))
+        yield each
+        if not each.is_answered:
+            self.checked(each)
 
     def _synchronise(self) -> Steps:
         each = self._exchange(echo(self._echoes.randrange(1 << 16)))

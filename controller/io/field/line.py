@@ -96,6 +96,7 @@ class Exchange:
         data: Data of the answer; None if there is no valid answer.
         error: Reason for which there is no valid answer; empty = none.
         refusal: Code of an exception response; 0 = none.
+        is_answered: True if an answer has come, also a refusal or one that is not valid for the request.
         took_s: Time from the request to its complete answer or to its failure, s; zero before.
     """
 
@@ -106,6 +107,7 @@ class Exchange:
     data: bytes | None = None
     error: str = ""
     refusal: int = 0
+    is_answered: bool = False
     took_s: float = 0.0
     _deadline_s: float | None = None
 
@@ -115,6 +117,7 @@ class Exchange:
             if self._deadline_s is None:
                 self._send(now_s)
             elif (answer := self.line.receive()) is not None:
+                self.is_answered = True
                 self.data = self.request.data(answer)
         except ExceptionReplyError as refused:
             self.error, self.refusal = str(refused), refused.code

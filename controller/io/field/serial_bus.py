@@ -2,7 +2,7 @@
 
 An RTU answer has no number (`RtuFrames`). After a failed exchange the received data is discarded, the line must be
 silent, and the next request to the device is an echo with a random number (function 8): a device answers in order, so
-that no earlier answer can follow the echo.
+that no earlier answer can follow the echo. A read before it shows whether the adapter returns what is sent.
 Source: Modbus over Serial Line V1.02, 2.4 and 2.5.1.
 """
 
@@ -44,7 +44,7 @@ class RtuBus(BusLine):
         self._silence_s = max(_LEAST_SILENCE_S, _SILENCE_CHARACTERS * _BITS_A_CHARACTER / settings.baud)
         importlib.import_module("serial")  # reports a missing module before the first exchange
         self._port: Any = None
-        self._frames = RtuFrames()
+        self._frames = RtuFrames(settings.path)
 
     @property
     def is_open(self) -> bool:
@@ -57,6 +57,7 @@ class RtuBus(BusLine):
             self._port = self._settings.open()
         except (ValueError, OverflowError) as error:
             raise OSError(str(error)) from error
+        self._frames.forget_adapter()
         self._discard()
 
     def finish(self, deadline_s: float) -> None:

@@ -239,14 +239,14 @@ def _planter_release(options: argparse.Namespace) -> Study:
 
 def _planter_lodging(options: argparse.Namespace) -> Study:
     from plant_sim.planter.parameters import load_planter, load_ranges  # noqa: PLC0415
-    from plant_sim.study.planter.lodging_study import FIELD_SEEDLINGS, lodging_study  # noqa: PLC0415
+    from plant_sim.study.planter.lodging_study import TRIAL_SEEDLINGS, lodging_study  # noqa: PLC0415
 
     with study_progress("settings and trials") as progress:
         return lodging_study(
             load_planter(),
             load_ranges(),
             blocks=_or(options.trials, 160),
-            seedlings=_or(options.seedlings, FIELD_SEEDLINGS),
+            seedlings=_or(options.seedlings, TRIAL_SEEDLINGS),
             progress=progress,
             **_draw_options(options),
         )

@@ -27,7 +27,7 @@ _PANELS: Final = 6
 _SUBSTRATE, _STEM = "#8C6D46", "#4C8C3B"
 _PLATE_M: Final = 0.09
 _AHEAD_M, _BEHIND_M, _HIGH_M = 0.12, 0.08, 0.16
-_LEFT_M: Final = 0.10
+_LEFT_M: Final = 0.06
 """Height of the hinge above its lowest point from which the guide plate is clear of the block, m."""
 
 

@@ -13,17 +13,19 @@ from plant_sim.study.doe.design import to_natural
 from plant_sim.study.engines import Progress
 from plant_sim.study.paper_tables import CABBAGE_FACTORS, cabbage_experiment, cabbage_settings
 from plant_sim.study.planter.lodging_fit import LodgingConstants, lodging_percent
+from plant_sim.study.planter.lodging_knowledge import knowledge_parts, knowledge_record
 from plant_sim.study.planter.lodging_model import LodgingModel, lodging_model
 from plant_sim.study.planter.lodging_parts import check_parts, injury_parts, lodging_parts, seedling_parts
+from plant_sim.study.planter.lodging_posterior import injury_posterior, lodging_posterior
 from plant_sim.study.planter.lodging_trials import LodgingSetting, OptimumCheck, equation_trials, simulate_trials
 from plant_sim.study.planter.tipping import Tipping, simulate_tipping
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import OverallProgress, command_line
 
 TRIALS: Final = 3
-"""Number of trials of each run, of the bench check and of the field check. Source: cabbage paper, 3.1.2 and 4."""
-FIELD_SEEDLINGS: Final = 120
-"""Number of seedlings in each trial in the field. Source: cabbage paper, 4."""
+"""Number of trials of each run and of the check. Source: cabbage paper, 3.1.2."""
+TRIAL_SEEDLINGS: Final = 120
+"""Assumed number of seedlings of a trial on the bench: that of a trial in the field. Source: cabbage paper, 4."""
 
 
 def lodging_study(
@@ -50,7 +52,7 @@ def lodging_study(
     reconciled = cabbage_experiment("reconciled")
     natural = to_natural(CABBAGE_FACTORS, reconciled.coded)
     setting = LodgingSetting(*cabbage_settings()[0].natural)
-    both = None if progress is None else OverallProgress(progress, len(np.unique(natural, axis=0)) + 1 + 2 * TRIALS)
+    both = None if progress is None else OverallProgress(progress, len(np.unique(natural, axis=0)) + 1 + TRIALS)
     settings = np.vstack([natural, setting])
     every = simulate_tipping(planter, ranges, settings, blocks=blocks, seed=seed, workers=workers, progress=both)
     tipping = Tipping(every.clearance_m, every.lodged[:-1])
@@ -62,13 +64,20 @@ def lodging_study(
     )
     force_n = np.append(natural[:, 2], setting.force_n)
     expected = lodging_percent(every, force_n, in_use, planter.scatter)
-    trials = [seedlings] * TRIALS + [FIELD_SEEDLINGS] * TRIALS
+    trials = [seedlings] * TRIALS
     check = OptimumCheck(
         setting,
         (float(expected[-1]), 100 * planter.scatter.injured_share_at(setting.force_n)),
         simulate_trials(planter, ranges, setting, trials, seed=seed, workers=workers, progress=both),
         equation_trials(setting, trials, seed=seed),
     )
+    knowledge = {
+        name: (
+            lodging_posterior(tipping, natural[:, 2], each.experiment.responses["Y1"], planter.scatter),
+            injury_posterior(natural[:, 2], each.experiment.responses["Y2"]),
+        )
+        for name, each in models.items()
+    }
     model, run_seedlings = models["reconciled"], TRIALS * seedlings
     return Study(
         name="planter-lodging",
@@ -78,9 +87,10 @@ def lodging_study(
             *lodging_parts(planter, models, in_use, expected[:-1], blocks),
             *injury_parts(planter, models),
             *seedling_parts(model, run_seedlings),
-            *check_parts(check, seedlings),
+            *knowledge_parts(knowledge),
+            *check_parts(check),
         ),
-        record=_record(models, check, run_seedlings),
+        record={**_record(models, check, run_seedlings), "knowledge": knowledge_record(knowledge)},
     )
 
 

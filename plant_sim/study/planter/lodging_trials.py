@@ -64,7 +64,7 @@ class OptimumCheck:
     Attributes:
         setting: The setting.
         expected: Lodging and injury from the mechanical model with the constants in use, %.
-        mechanics: Trials with the mechanical model, first on the bench, then in the field.
+        mechanics: Trials with the mechanical model.
         equations: Trials with equations 10 and 11.
     """
 

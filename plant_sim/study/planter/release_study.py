@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.common.figure_style import COLOURS, drawing
@@ -20,6 +21,7 @@ from plant_sim.planter.scatter import Ground, Ranges
 from plant_sim.planter.verdict import PUSHED_M, FallVerdict
 from plant_sim.study.engines import Progress
 from plant_sim.study.planter.lodging_fit import Values, rms
+from plant_sim.study.planter.release_windows import GOOD, window_parts, window_points, window_record, windows_of
 from plant_sim.study.planter.verdicts import FallPoint, VerdictCount, count_verdicts
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import command_line
@@ -27,8 +29,6 @@ from plant_sim.study.runner import command_line
 LOWEST_RATIO: Final = 0.8
 HIGHEST_RATIO: Final = 1.6
 """Largest ratio of the map; `LOWEST_RATIO` is the smallest."""
-GOOD: Final = 0.9
-"""Smallest share of clean and upright falls inside the window."""
 SAMPLES: Final = 12
 """Number of random points on each ground that are compared with falls simulated with full contact."""
 
@@ -61,7 +61,7 @@ class ReleaseMap:
 
     def expected(self, count: VerdictCount) -> tuple[float, float]:
         """Return the shares of clean and of lodged falls at a sampled point, from the table."""
-        shares, _ = self.table.verdict_shares_at(count.point.ratio, count.point.opener_deg)
+        shares, _ = self.table.verdict_shares_at(count.point.ratio, count.point.opener_deg, FREQUENCY_PER_MIN)
         return shares[FallVerdict.CLEAN], sum(shares[verdict] for verdict in _LODGED)
 
     def windows_deg(self, row: int) -> list[tuple[float, float]]:
@@ -98,8 +98,10 @@ def release_study(
     """
     rng = np.random.default_rng(seed)
     points = [_random_point(tables[kind], draws, rng) for kind in Ground for _ in range(SAMPLES)]
+    points += window_points(planter, draws)
     counts = count_verdicts(planter, ranges, points, seed=seed, workers=workers, progress=progress)
-    maps = [_map(tables[kind], tuple(count for count in counts if count.point.kind is kind)) for kind in Ground]
+    sampled, windows = counts[: len(Ground) * SAMPLES], windows_of(counts[len(Ground) * SAMPLES :])
+    maps = [_map(tables[kind], tuple(count for count in sampled if count.point.kind is kind)) for kind in Ground]
     return Study(
         name="planter-release",
         title="Chain planter: position of the release over λ",
@@ -107,9 +109,14 @@ def release_study(
         parts=(
             *_map_parts(planter, maps),
             *(part for each in maps for part in _window_parts(planter, each)),
+            *window_parts(*windows),
             *_sample_parts(maps, draws),
         ),
-        record={"openers_deg": maps[0].openers_deg, "grounds": {each.kind.value: _record(each) for each in maps}},
+        record={
+            "openers_deg": maps[0].openers_deg,
+            "grounds": {each.kind.value: _record(each) for each in maps},
+            **window_record(*windows),
+        },
     )
 
 
@@ -120,12 +127,17 @@ def _random_point(table: FallTable, draws: int, rng: np.random.Generator) -> Fal
 
 
 def _map(table: FallTable, samples: tuple[VerdictCount, ...]) -> ReleaseMap:
-    ratios = np.array(table.grid.ratios)
-    inside = (ratios >= LOWEST_RATIO) & (ratios <= HIGHEST_RATIO)
-    lodged = sum(table.verdict_share(verdict)[inside] for verdict in _LODGED)
-    clean = table.verdict_share(FallVerdict.CLEAN)[inside]
+    ratios, inside = np.array(table.grid.ratios), _in_map(table)
+    lodged = sum(table.verdict_share(verdict, FREQUENCY_PER_MIN)[inside] for verdict in _LODGED)
+    clean = table.verdict_share(FallVerdict.CLEAN, FREQUENCY_PER_MIN)[inside]
     openers_deg = np.array(table.grid.openers_deg)
     return ReleaseMap(table.kind, ratios[inside], openers_deg, clean, np.asarray(lodged), samples, table)
+
+
+def _in_map(table: FallTable) -> NDArray[np.bool_]:
+    """Return which ratios of a table are in the map."""
+    ratios = np.array(table.grid.ratios)
+    return (ratios >= LOWEST_RATIO) & (ratios <= HIGHEST_RATIO)
 
 
 def _zero_speed_deg(planter: Planter, ratio: float) -> tuple[float, ...]:
@@ -140,9 +152,9 @@ def _map_parts(planter: Planter, maps: list[ReleaseMap]) -> list[Part]:
         "the paper has no data to compare it with.",
         Heading("Map"),
         f"From the packaged tables of falls: {BLOCKS} random blocks with full contact at each grid point, "
-        f"{FREQUENCY_PER_MIN:g} plants per minute. A fall is clean if the seedling is upright and the guide plate has "
-        f"moved it by at most {1000 * PUSHED_M:g} mm on the ground. On bench soil, {stick:.1f} % of the blocks also "
-        "stick to a plate and lodge at every ratio and position; they are not part of the map.",
+        f"{FREQUENCY_PER_MIN:g} plants per minute, interpolated. A fall is clean if the seedling is upright and the "
+        f"guide plate has moved it by at most {1000 * PUSHED_M:g} mm on the ground. On bench soil, {stick:.1f} % of "
+        "the blocks also stick to a plate and lodge at every ratio and position; they are not part of the map.",
         Picture(
             "release-map",
             "Share of clean and of lodged falls; black: points of zero horizontal speed, sin φ = 1/λ; dotted: lowest "
@@ -174,7 +186,7 @@ def _window_parts(planter: Planter, each: ReleaseMap) -> list[Part]:
         Table(
             f"window-{each.kind.value.replace('_', '-')}", f"Mean share of clean falls, {name}", heading, tuple(rows), 1
         ),
-        _comparison(planter, each),
+        _everywhere(planter, each),
     ]
 
 
@@ -188,25 +200,19 @@ def _means(each: ReleaseMap, row: int, second_deg: float | None) -> tuple[float 
     return before, inside, beyond
 
 
-def _comparison(planter: Planter, each: ReleaseMap) -> str:
-    """Return a comparison of the rising and falling parts of the loop over all ratios that have a loop."""
-    rising, falling = [], []
-    for row, ratio in enumerate(each.ratios.tolist()):
-        zero_deg = _zero_speed_deg(planter, ratio)
-        if len(zero_deg) == 2:
-            openers_deg = each.openers_deg
-            rising += each.clean[row][(openers_deg >= _LOWEST_DEG) & (openers_deg <= zero_deg[1])].tolist()
-            falling += each.clean[row][(openers_deg < _LOWEST_DEG) & (openers_deg >= zero_deg[0])].tolist()
-    up, down = 100 * float(np.mean(rising)), 100 * float(np.mean(falling))
-    better = "confirmed" if up > down else "not confirmed"
-    everywhere = each.openers_deg[(each.clean >= GOOD).all(axis=0)].tolist()
-    robust = f"from {everywhere[0]:g} to {everywhere[-1]:g}°" if everywhere else "at no grid point"
+def _everywhere(planter: Planter, each: ReleaseMap) -> str:
+    """Return the positions of the opener that are inside the window at every ratio, by frequency."""
+    inside = _in_map(each.table)
+    found = []
+    for frequency_per_min in each.table.grid.frequencies_per_min:
+        clean = each.table.verdict_share(FallVerdict.CLEAN, frequency_per_min)[inside]
+        good_deg = each.openers_deg[(clean >= GOOD).all(axis=0)].tolist()
+        where = ", ".join(f"{opener_deg:g}°" for opener_deg in good_deg) or "no grid point"
+        found.append(f"at {frequency_per_min:g} plants per minute {where}")
     return (
-        f"Over all ratios with a loop, {up:.1f} % of the falls are clean for an opener on the rising part of the loop, "
-        f"from 90° to the second point, and {down:.1f} % on the falling part. The paper recommends the rising part: "
-        f"{better} on {_NAMES[each.kind]}. An opener {robust} gives {100 * GOOD:g} % clean falls or more at every "
-        "ratio of the map. The distance between the plants is not considered. The angle is that of the opener; the "
-        f"block is free {1000 * planter.grip.free_s:.0f} ms later."
+        f"{100 * GOOD:g} % clean falls or more at every ratio of the map, with a pitch of up to "
+        f"{planter.scatter.pitch_deg:g}°: {'; '.join(found)}. The distance between the plants is not considered. The "
+        f"angle is that of the opener; the block is free {1000 * planter.grip.free_s:.0f} ms later."
     )
 
 
@@ -227,9 +233,10 @@ def _sample_parts(maps: list[ReleaseMap], draws: int) -> list[Part]:
             for count, pair in zip(each.samples, pairs, strict=True)
         ]
         table, full = np.array([pair[:2] for pair in pairs]), np.array([pair[2:] for pair in pairs])
-        chance = math.sqrt(float(np.mean(table * (1 - table))) * (1 / draws + 1 / BLOCKS))
+        expected = math.sqrt(float(np.mean(table * (1 - table))) * (1 / draws + 1 / BLOCKS))
         sentences.append(
-            f"{_NAMES[each.kind]}: {100 * rms(table - full):.1f} points, where chance alone gives {100 * chance:.1f}"
+            f"{_NAMES[each.kind]}: {100 * rms(table - full):.1f} points, where the numbers of falls alone give "
+            f"{100 * expected:.1f}"
         )
     heading = ("ground", "λ", "opener, °", "clean, table", "clean, full", "lodged, table", "lodged, full")
     return [

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from plant_sim.planter.falls import motion_at
+from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.scatter import Ground, Ranges, draw
 from plant_sim.planter.verdict import FallVerdict, verdict_of
@@ -23,6 +24,32 @@ from plant_sim.twin.report import binomial_interval
 FREQUENCY_PER_MIN: Final = 56.0
 """Planting frequency of the paper's simulated cases. Source: cabbage paper, 2.2.2."""
 _HALF = 0.5
+_KM_H = 3.6
+
+
+class SimulatedCase(NamedTuple):
+    """Simulated case of the paper, 2.2.2.
+
+    Attributes:
+        speed_km_h: Machine speed, km/h.
+        printed: Ratio printed in the paper.
+        verdict: Verdict stated in the paper.
+    """
+
+    speed_km_h: float
+    printed: float
+    verdict: FallVerdict
+
+    def motion(self, planter: Planter) -> Motion:
+        """Return the motion of the case."""
+        return Motion(planter.chain, speed_m_s=self.speed_km_h / _KM_H, frequency_per_min=FREQUENCY_PER_MIN)
+
+
+CASES: Final = (
+    SimulatedCase(1.9, 0.87, FallVerdict.FORWARD),
+    SimulatedCase(1.65, 1.0, FallVerdict.PUSHED),
+    SimulatedCase(1.4, 1.17, FallVerdict.CLEAN),
+)
 
 
 @dataclass(frozen=True)

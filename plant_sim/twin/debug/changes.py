@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import Final
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
 
 from controller.common.errors import InputError
 from controller.common.suggestion import suggestion
@@ -11,9 +12,11 @@ from controller.core.devices import device_name
 from controller.debug.machine import OutsideEntry
 from controller.program.set_points import SetPointError
 from plant_sim.machine.terminals import BUTTONS
-from plant_sim.twin.debug.outside import BranchAct
-from plant_sim.twin.debug.plant_changes import End, fault_begins, fault_ends, level_of
+from plant_sim.twin.debug.plant_changes import BranchAct, End, fault_begins, fault_ends, level_of
 from plant_sim.twin.lock_step import Twin
+
+if TYPE_CHECKING:
+    from plant_sim.twin.debug.machine import TwinMachine
 
 _X: Final = re.compile("[Xx][0-7]{1,3}")
 _KINDS: Final = "write X1=on, start=on, command=hold, fault=KIND:TARGET, mend=KIND:TARGET, or SET-POINT=NUMBER"
@@ -53,21 +56,25 @@ def _command(twin: Twin, value: str, text: str) -> OutsideEntry:
     except KeyError:
         known = [command.name for command in twin.machine.tags.commands]
         raise InputError(f"{text}: no such command; {suggestion(value, known)}") from None
-    return BranchAct(text, lambda twin: twin.command(value))
+
+    def order(machine: TwinMachine) -> None:
+        machine.twin.command(value)
+
+    return BranchAct(text, order)
 
 
 def _button(twin: Twin, name: str, text: str, *, level: bool) -> tuple[OutsideEntry, End]:
-    def press(twin: Twin) -> None:
-        twin.releases.pop(name, None)
-        setattr(twin.plant.box, name, level)
+    def press(machine: TwinMachine) -> None:
+        machine.twin.releases.pop(name, None)
+        setattr(machine.plant.box, name, level)
 
     def recorded() -> OutsideEntry:
         before, release_ms = getattr(twin.plant.box, name), twin.releases.get(name)
 
-        def let_go(twin: Twin) -> None:
-            setattr(twin.plant.box, name, before)
+        def let_go(machine: TwinMachine) -> None:
+            setattr(machine.plant.box, name, before)
             if release_ms is not None:
-                twin.releases[name] = release_ms
+                machine.twin.releases[name] = release_ms
 
         return BranchAct(f"end of {text}", let_go)
 
@@ -75,11 +82,11 @@ def _button(twin: Twin, name: str, text: str, *, level: bool) -> tuple[OutsideEn
 
 
 def _bridge(number: int, text: str, *, level: bool) -> tuple[OutsideEntry, End]:
-    def bridge(twin: Twin) -> None:
-        twin.plant.terminals.bridged[number] = level
+    def bridge(machine: TwinMachine) -> None:
+        machine.plant.terminals.bridged[number] = level
 
-    def remove(twin: Twin) -> None:
-        twin.plant.terminals.bridged.pop(number, None)
+    def remove(machine: TwinMachine) -> None:
+        machine.plant.terminals.bridged.pop(number, None)
 
     return BranchAct(text, bridge), lambda: BranchAct(f"end of {text}", remove)
 
@@ -93,11 +100,13 @@ def _set_point(twin: Twin, name: str, value: str, text: str) -> tuple[OutsideEnt
     if word in set_points.constants:
         raise InputError(f"{text}: a machine constant does not change during a run; record another run with --set")
 
-    def recorded() -> OutsideEntry:
-        before = twin.plc.read(word)
-        return BranchAct(f"end of {text}", lambda twin: twin.plc.write(word, before))
+    def setting(number: int) -> Callable[[TwinMachine], None]:
+        return lambda machine: machine.twin.plc.write(word, number)
 
-    return BranchAct(text, lambda twin: twin.plc.write(word, number)), recorded
+    def recorded() -> OutsideEntry:
+        return BranchAct(f"end of {text}", setting(twin.plc.read(word)))
+
+    return BranchAct(text, setting(number)), recorded
 
 
 def _terminal(twin: Twin, name: str, text: str, *, level: bool) -> tuple[int, bool]:

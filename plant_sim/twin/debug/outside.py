@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -307,28 +307,3 @@ class MovedByHand:
     def apply(self, machine: TwinMachine, /) -> None:
         """Put the machine in the state after it."""
         machine.restore(self.saved)
-
-
-@dataclass(frozen=True, slots=True)
-class BranchAct:
-    """Single act on the machine before a scan, for a branch.
-
-    Attributes:
-        text: The act, as written by the user.
-        act: Function that executes it.
-    """
-
-    text: str
-    act: Callable[[Twin], None]
-
-    def __str__(self) -> str:
-        return self.text
-
-    @property
-    def is_repeatable(self) -> bool:
-        """True: a branch can repeat it."""
-        return True
-
-    def apply(self, machine: TwinMachine, /) -> None:
-        """Execute the act."""
-        self.act(machine.twin)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, Protocol
+from typing import Final, Generic, Protocol, TypeVar
 
 from controller.common.errors import InputError
 from controller.common.suggestion import suggestion
@@ -15,6 +15,7 @@ from plant_sim.machine.plant import Plant
 _LEVELS: Final = {"on": True, "1": True, "off": False, "0": False}
 
 End = Callable[[], OutsideEntry]
+M = TypeVar("M")
 
 
 class WithPlant(Protocol):
@@ -26,8 +27,8 @@ class WithPlant(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class PlantAct:
-    """Single act on the plant before a scan, for a branch.
+class BranchAct(Generic[M]):
+    """Single act on a machine before a scan, for a branch.
 
     Attributes:
         text: The act, as written by the user.
@@ -35,7 +36,7 @@ class PlantAct:
     """
 
     text: str
-    act: Callable[[Plant], None]
+    act: Callable[[M], None]
 
     def __str__(self) -> str:
         return self.text
@@ -45,9 +46,9 @@ class PlantAct:
         """True: a branch can repeat it."""
         return True
 
-    def apply(self, machine: WithPlant, /) -> None:
+    def apply(self, machine: M, /) -> None:
         """Execute the act."""
-        self.act(machine.plant)
+        self.act(machine)
 
 
 def fault_begins(plant: Plant, value: str) -> tuple[OutsideEntry, End]:
@@ -61,10 +62,13 @@ def fault_begins(plant: Plant, value: str) -> tuple[OutsideEntry, End]:
         raise InputError(f"{text}: must be set before the run; record another run with it")
     FAULTS[fault.kind].part(plant, fault.target)
 
-    def begin(plant: Plant) -> None:
-        plant.faults.add(replace(fault, start_ms=plant.time_ms, end_ms=None))
+    def begin(machine: WithPlant) -> None:
+        machine.plant.faults.add(replace(fault, start_ms=machine.plant.time_ms, end_ms=None))
 
-    return PlantAct(text, begin), lambda: PlantAct(f"end of {text}", lambda plant: plant.faults.clear(fault.name))
+    def end(machine: WithPlant) -> None:
+        machine.plant.faults.clear(fault.name)
+
+    return BranchAct(text, begin), lambda: BranchAct(f"end of {text}", end)
 
 
 def fault_ends(plant: Plant, value: str) -> OutsideEntry:
@@ -78,7 +82,11 @@ def fault_ends(plant: Plant, value: str) -> OutsideEntry:
     if kind not in FAULTS:
         raise InputError(f"{text}: no such kind of fault; {suggestion(kind, FAULTS)}")
     FAULTS[kind].part(plant, target)
-    return PlantAct(text, lambda plant: plant.faults.clear(value))
+
+    def end(machine: WithPlant) -> None:
+        machine.plant.faults.clear(value)
+
+    return BranchAct(text, end)
 
 
 def button_changes(plant: Plant, name: str, value: str) -> tuple[OutsideEntry, End]:
@@ -89,11 +97,13 @@ def button_changes(plant: Plant, name: str, value: str) -> tuple[OutsideEntry, E
     """
     text, level = f"{name}={value}", level_of(name, value)
 
-    def recorded() -> OutsideEntry:
-        before = getattr(plant.box, name)
-        return PlantAct(f"end of {text}", lambda plant: setattr(plant.box, name, before))
+    def setting(level: bool) -> Callable[[WithPlant], None]:
+        return lambda machine: setattr(machine.plant.box, name, level)
 
-    return PlantAct(text, lambda plant: setattr(plant.box, name, level)), recorded
+    def recorded() -> OutsideEntry:
+        return BranchAct(f"end of {text}", setting(getattr(plant.box, name)))
+
+    return BranchAct(text, setting(level)), recorded
 
 
 def level_of(name: str, value: str) -> bool:

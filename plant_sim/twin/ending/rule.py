@@ -8,6 +8,9 @@ from typing import Final
 
 REST_LIMIT_MS: Final = 10_000
 """Time for which a machine rests before a trial without an operator ends, ms."""
+LOOK_MS: Final = 100
+"""Period in which a trial that can end without the machine is looked at, ms: by a request to stop, or with its last
+seedling."""
 HOMING_LIMIT_MS: Final = 60_000
 TRAY_LIMIT_MS: Final = 600_000
 """Time limit per tray, ms; at 20 plants per minute per row a tray takes 108 s."""
@@ -87,13 +90,19 @@ class EndingRule:
             return TrialEnd(self.max_ms, f"not complete after {self.max_ms / 1000:g} s of machine time: {state}")
         return None
 
-    def next_ms(self, now_ms: int, rest: Rest | None) -> int | None:
-        """Return the next time at which the trial may end without any change of the machine, ms; None if there is none.
+    def next_look_ms(self, now_ms: int, rest: Rest | None, *, by_machine_only: bool = False) -> int:
+        """Return the next time at which the trial may end, ms.
+
+        A rest that begins after a look ends the trial no sooner than `REST_LIMIT_MS` later. A trial that only its
+        machine can end is therefore looked at in this period.
 
         Args:
             now_ms: Machine time, ms.
             rest: Rest of the machine.
+            by_machine_only: True if only completion, rest and time limit can end the trial.
         """
-        times_ms = [] if rest is None else [rest.since_ms + REST_LIMIT_MS]
+        period_ms = REST_LIMIT_MS if by_machine_only else LOOK_MS
+        times_ms = [now_ms + period_ms - now_ms % period_ms]
+        times_ms += [] if rest is None else [rest.since_ms + REST_LIMIT_MS]
         times_ms += [] if self.max_ms is None else [self.max_ms]
-        return min((time_ms for time_ms in times_ms if time_ms > now_ms), default=None)
+        return min(time_ms for time_ms in times_ms if time_ms > now_ms)

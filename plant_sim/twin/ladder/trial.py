@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Final
 
+from controller.common.document.rendering import reference_table
 from controller.common.modbus.io_map import IoMap
 from controller.common.stop_request import StopRequest
 from controller.fx.engine.execution import fastest_execution
@@ -308,18 +309,20 @@ class ScanRow:
         }
 
 
-def table(rows: Sequence[ScanRow]) -> Iterator[str]:
-    """Yield the lines of a Markdown table."""
-    yield "| scan, ms | completed | in cups | P | D | T | left | incidents | alarms (trials) |"
-    yield "|---|---|---|---|---|---|---|---|---|"
-    for row in rows:
-        cells = row.record()
-        alarms = cells["alarms"]
-        assert isinstance(alarms, dict)  # noqa: S101 - narrows the union
-        listed = ", ".join(f"{name} ({count})" for name, count in alarms.items()) or "–"
-        numbers = (f"{cells[key]}" for key in ("in_cups", "P", "D", "T", "left", "incidents"))
-        completed = f"{cells['completed']} of {cells['trials']}"
-        yield f"| {' | '.join((_scan(row.timing), completed, *numbers, listed))} |"
+def table(rows: Sequence[ScanRow]) -> str:
+    """Return a Markdown table."""
+    heading = ("scan, ms", "completed", "in cups", "P", "D", "T", "left", "incidents", "alarms (trials)")
+    return reference_table(heading, *(_cells(row) for row in rows))
+
+
+def _cells(row: ScanRow) -> Iterator[object]:
+    cells = row.record()
+    yield _scan(row.timing)
+    yield f"{cells['completed']} of {cells['trials']}"
+    yield from (cells[key] for key in ("in_cups", "P", "D", "T", "left", "incidents"))
+    alarms = cells["alarms"]
+    assert isinstance(alarms, dict)  # noqa: S101 - narrows the union
+    yield ", ".join(f"{name} ({count})" for name, count in alarms.items()) or "–"
 
 
 def _scan(timing: ScanTiming) -> str:

@@ -17,6 +17,7 @@ from controller.export.packages import fx2n
 from controller.fx.language.check import MOST_STEPS, check
 from controller.fx.language.instruction_set import steps
 from controller.fx.language.reading import load_ladder
+from controller.fx.timing.scan_time import scan_time_bounds
 from controller.program.machine import build
 from controller.program.memory import lose
 from controller.program.states import State
@@ -26,6 +27,7 @@ from plant_sim.twin.ladder import trial as ladder_trial
 from plant_sim.twin.lock_step import Twin
 from tests.controller.export.fx_equality import EXPORTED
 from tests.controller.program.interlock_scene import MACHINE
+from tests.paths import ROOT
 from tests.sampling import one_in
 from tests.wiring import unwired
 
@@ -111,11 +113,30 @@ def test_check_prints_the_estimated_scan_time_of_a_cpu(program: Path, capsys: py
     assert estimate.startswith("estimated scan time of an FX2N: 0.5 ms with no step active")
 
 
+def test_the_guide_states_the_estimated_scan_time_of_the_exported_program() -> None:
+    bounds = scan_time_bounds(EXPORTED)
+    guide = (ROOT / "docs" / "ladder.md").read_text(encoding="utf-8")
+    assert f"| shortest | {bounds.shortest_ms:.1f} ms |" in guide
+    assert f"| longest | {bounds.longest_ms:.1f} ms |" in guide
+    assert f"uses {STEPS:,} of the 8,000 steps" in guide
+
+
 def test_check_tells_what_was_assumed_about_the_file(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
     program.write_bytes(f"; 启动按钮\n{SEAL_IN}".encode("gbk"))
     assert controller(["ladder", "check", str(program)]) == 0
     first, *_ = capsys.readouterr().out.splitlines()
     assert first == f"{program}:1: note: read as GBK; if a text is wrong, save it as UTF-8"
+
+
+def test_check_reports_doubts_in_line_order_with_the_findings(
+    program: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program.write_text(SEAL_IN.replace("END", "SUB D0 K1 D0\nLD X2\nOUT Y0\nEND"), encoding="utf-8")
+    assert controller(["ladder", "check", str(program)]) == 0
+    doubt, warning, total, _ = capsys.readouterr().out.splitlines()
+    assert doubt.startswith(f"{program}:9: doubt: SUB D0 K1 D0 (step 10): the result can leave -32768 to 32767: ")
+    assert warning.startswith(f"{program}:11: warning: OUT Y0 is on lines")
+    assert total.endswith("; 0 errors, 1 warnings, 1 doubts")
 
 
 def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFixture[str]) -> None:

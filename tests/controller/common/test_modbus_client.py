@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.common.modbus.client import ClientFrames, RtuFrames, TcpFrames, answer_length
+from controller.common.modbus.client import ClientFrames, RtuFrames, TcpFrames, answer_length, may_equal_request
 from controller.common.modbus.mbap import HEADER
 from controller.common.modbus.rtu import framed
 from tests.controller.common.modbus_rig import read_pdu
@@ -179,3 +179,107 @@ def test_on_a_line_no_changed_bit_is_accepted(bit: int) -> None:
 )
 def test_lengths_of_serial_answers(received: bytes, length: int) -> None:
     assert answer_length(received) == length
+
+
+READ, WRITE = read_pdu(3, 7, 2), b"\x06\x00\x07\x12\x34"
+REGISTERS = b"\x03\x04\x01\x11\x01\x03"
+EXCEPTION_TO_WRITE = b"\x86\x02"
+
+
+def told(frames: RtuFrames, request: bytes, *received: bytes) -> list[bytes | None]:
+    """Send a request and return the answer after each byte, without repetitions."""
+    frames.request(UNIT, request)
+    answers: list[bytes | None] = []
+    for byte in b"".join(received):
+        frames.feed(bytes([byte]))
+        answers.append(frames.answer())
+    return [each for n, each in enumerate(answers) if not n or each != answers[n - 1]]
+
+
+def returning(*, returns: bool) -> RtuFrames:
+    """Return the frames of a line whose adapter is known."""
+    frames = RtuFrames("/dev/ttyX")
+    own = [framed(UNIT, READ)] if returns else []
+    assert told(frames, READ, *own, framed(UNIT, REGISTERS)) == [None, REGISTERS]
+    assert frames.returns_requests is returns
+    return frames
+
+
+@pytest.mark.parametrize("name", ANSWERS)
+def test_a_request_that_comes_back_is_removed(name: str) -> None:
+    request, pdu = ANSWERS[name]
+    frames = RtuFrames()
+    for _ in range(2):
+        assert told(frames, request, framed(UNIT, request), framed(UNIT, pdu)) == [None, pdu]
+        assert frames.returns_requests is True
+
+
+@pytest.mark.parametrize("request_", [WRITE, b"\x05\x00\x07\xff\x00", b"\x08\x00\x00\x12\x34"])
+def test_an_answer_equal_to_its_request_is_not_taken_for_a_returned_request(request_: bytes) -> None:
+    """The same bytes are the answer of the unit on one line, and the first of two copies on the other one."""
+    own = framed(UNIT, request_)
+    assert told(returning(returns=False), request_, own) == [None, request_]
+    assert told(returning(returns=True), request_, own) == [None]
+    assert told(returning(returns=True), request_, own, own) == [None, request_]
+    unknown = RtuFrames()
+    assert told(unknown, request_, own, own) == [None]
+    assert unknown.returns_requests is None
+
+
+def test_an_exception_is_an_answer_on_every_line() -> None:
+    own, refusal = framed(UNIT, WRITE), framed(UNIT, EXCEPTION_TO_WRITE)
+    for returns in (False, True):
+        received = [own, refusal] if returns else [refusal]
+        assert told(returning(returns=returns), WRITE, *received) == [None, EXCEPTION_TO_WRITE]
+    unknown = RtuFrames()
+    assert told(unknown, WRITE, refusal) == [None, EXCEPTION_TO_WRITE]
+    assert unknown.returns_requests is False
+
+
+@pytest.mark.parametrize("request_", [READ, WRITE])
+def test_no_answer_counts_after_a_request_that_comes_back_damaged(request_: bytes) -> None:
+    own = framed(UNIT, request_)
+    answer = framed(UNIT, REGISTERS if request_ == READ else WRITE)
+    for index in range(len(own)):
+        damaged = own[:index] + bytes([own[index] ^ 0x10]) + own[index + 1 :]
+        frames = returning(returns=True)
+        assert told(frames, request_, damaged, answer) == [None], f"byte {index}"
+        assert frames.returns_requests is True
+    assert told(returning(returns=True), request_, own[:-1], answer) == [None]
+
+
+def test_a_read_shows_that_the_adapter_is_another_one() -> None:
+    frames = returning(returns=True)
+    shown = []
+    for own in (b"", framed(UNIT, READ)):
+        assert told(frames, READ, own, framed(UNIT, REGISTERS)) == [None, REGISTERS]
+        shown.append(frames.returns_requests)
+    frames.forget_adapter()
+    assert [*shown, frames.returns_requests] == [False, True, None]
+
+
+def test_noise_does_not_show_what_an_adapter_returns() -> None:
+    frames = RtuFrames()
+    frames.request(UNIT, READ)
+    frames.feed(b"\x00" + framed(UNIT, READ) + framed(UNIT, REGISTERS))
+    assert frames.answer() == REGISTERS
+    assert frames.returns_requests is None
+
+
+def test_a_read_of_bits_whose_answer_may_be_its_request() -> None:
+    """Function 1 at offset 03AB, 18 bits with the levels of the offset and the number: 8 equal bytes."""
+    request = read_pdu(1, 0x3AB, 18)
+    own = framed(UNIT, request)
+    assert may_equal_request(own)
+    assert not may_equal_request(framed(UNIT, read_pdu(1, 0x2AB, 18)))
+    assert told(returning(returns=False), request, own) == [None, request]
+    assert told(returning(returns=True), request, own, own) == [None, request]
+
+
+def test_the_port_of_such_an_adapter_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    frames = returning(returns=True)
+    frames.forget_adapter()
+    told(frames, READ, framed(UNIT, READ))
+    assert frames.returns_requests
+    messages = [record.getMessage() for record in caplog.records]
+    assert messages == ["/dev/ttyX: the adapter returns what is sent; the returned bytes are removed"]

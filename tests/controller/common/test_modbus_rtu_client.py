@@ -210,3 +210,27 @@ def test_a_line_that_cannot_be_opened_is_told(monkeypatch: pytest.MonkeyPatch, e
             await client.request(REQUEST)
 
     run(open_it(), SimulatedLoop)
+
+
+WRITE = b"\x06\x00\x07\x12\x34"
+PROBE, REFUSED = read_pdu(3, 0, 1), b"\x83\x02"
+
+
+@pytest.mark.parametrize("returns", [False, True])
+def test_a_write_whose_answer_is_its_request_is_preceded_by_a_read(
+    monkeypatch: pytest.MonkeyPatch, *, returns: bool
+) -> None:
+    """The read shows whether the adapter returns what is sent; one copy of the write is then no answer of the unit."""
+    probe, write = framed(UNIT, PROBE), framed(UNIT, WRITE)
+    own = returns * write
+    port = SimulatedPort(
+        [(0.1, returns * probe + framed(UNIT, REFUSED))], [(0.1, own), (0.2, write)], [(0.1, returns * write)]
+    )
+
+    async def use(client: AsyncRtuClient) -> None:
+        assert await client.request(WRITE) == WRITE
+        assert [frame for _, frame in port.sent] == [probe, write]
+        with pytest.raises(ModbusClientError, match="no valid answer"):
+            await client.request(WRITE)
+
+    on_line(monkeypatch, port, use)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from controller.common.errors import InputError
+from controller.debug.adapter.variables import ShownVariables
 from controller.debug.commands import Debugger
 from controller.debug.comparison import branch, first_difference, parse_change
 from controller.debug.condition import parse_condition
@@ -18,6 +19,7 @@ from controller.debug.timeline import RunTimeline
 from controller.fx.engine.peripherals.peripherals import Peripherals
 from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.python_functions import PythonFunctions
+from controller.fx.language.cpu_model import FX3U
 from controller.fx.language.il import read_il
 from controller.fx.stimulus.running import StimulusRun
 from controller.fx.stimulus.stimulus import load_stimulus
@@ -160,3 +162,19 @@ def test_an_invalid_command_has_a_clear_answer(command: str, answer: str, tmp_pa
     with pytest.raises(InputError, match=answer) as error:
         list(Debugger(counting(tmp_path)).execute(command))
     assert "\n" not in str(error.value)
+
+
+def test_extension_registers_of_a_recorded_run(tmp_path: Path) -> None:
+    path = tmp_path / "r.yaml"
+    path.write_text("scan_ms: 10\nscans: 5\ninitial: {R9: 3}\nwatch: [R9, R32767]\n", encoding="utf-8")
+    ladder = read_il("LD M8000\nINC R9\nMOV R9 R32767\nEND\n", cpu=FX3U)
+    line = record_run(ladder, load_stimulus(path, cpu=FX3U))
+    machine = line.machine
+    assert [machine.signal(name).read() for name in ("R9", "R32767", "D8511")] == [8, 8, 0]
+    assert (machine.devices()["R32767"], machine.devices()["D8511"]) == (8, 0)
+    assert "D8512" not in machine.devices()
+    assert ScanObserver(machine).observe(line, 3).differing == ()
+    shown = ShownVariables(Debugger(line))
+    (scope,) = (each for each in shown.scopes() if each["name"] == "Extension registers R")
+    variables = shown.of_scope(scope["variablesReference"]) or []
+    assert [(each["name"], each["value"]) for each in variables] == [("R9", "8"), ("R32767", "8")]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
 import pytest
+from pymodbus.client import ModbusTcpClient
 
 from controller.core.devices import Memory
-from controller.hmi.access.tag_list import tags
-from tests.controller.common.modbus_rig import ILLEGAL_ADDRESS, Client, exception, read_pdu
+from controller.hmi.access.tag_list import WORD_ORDER, tag_csv, tags
+from tests.controller.common.modbus_rig import ILLEGAL_ADDRESS, PATIENT_S, Client, exception, read_pdu
 from tests.controller.hmi.hmi_rig import SERVER_BUSY, HmiRig, read_long, read_words
 
 COILS = [
@@ -250,3 +253,29 @@ def test_scan_times_are_counted_in_one_bucket() -> None:
 def test_tag_list_contains_the_same_addresses(rig: HmiRig, name: str, table: str, address: int, words: int) -> None:
     [tag] = [tag for tag in tags(rig.twin.machine) if tag.name == name]
     assert (tag.table, tag.address, tag.words) == (table, address, words)
+
+
+def test_the_word_order_of_the_tag_list_is_that_of_the_server(rig: HmiRig) -> None:
+    """A foreign client reads the 32-bit numbers by the list alone; both words of each are known and differ."""
+    figures, number = rig.figures, 0x0001_0002
+    known = {}
+    for name, histogram in (("scan", figures.durations), ("late", figures.lateness)):
+        known[f"controller.{name}_sum_us"] = histogram.sum_us = 0x1234_5678
+        for bucket in range(len(histogram.counts)):
+            known[f"controller.{'scan_time' if name == 'scan' else name}.{bucket}"] = number
+            histogram.counts[bucket] = number
+            number += 0x0001_0002
+    rig.twin.scan()
+    rows = {row["name"]: row for row in csv.DictReader(io.StringIO(tag_csv(rig.twin.machine)))}
+    assert {row["word_order"] for row in rows.values() if row["type"] == "uint32"} == {WORD_ORDER}
+    assert {row["word_order"] for row in rows.values() if row["type"] != "uint32"} == {""}
+    with ModbusTcpClient("127.0.0.1", port=rig.server.port, timeout=PATIENT_S) as client:
+        for name, value in known.items():
+            read = client.read_holding_registers(int(rows[name]["address"]), count=int(rows[name]["words"]))
+            assert number_of(read.registers, rows[name]["word_order"]) == value, name
+
+
+def number_of(words: Sequence[int], word_order: str) -> int:
+    """Return a 32-bit number from its words by ascending address."""
+    low, high = {"low first": words, "high first": words[::-1]}[word_order]
+    return low | high << 16

@@ -15,7 +15,7 @@ from plant_sim.study.report.origin import changed_parts
 COMMANDS = [
     ("trial", "--seedlings", "12"),
     pytest.param(("trial", "--seedlings", "12", "--repeat", "2"), marks=pytest.mark.nightly),
-    ("line", "pepper", "--metres", "2"),
+    ("line", "pepper", "--metres", "2", "--repeat", "1"),
 ]
 
 

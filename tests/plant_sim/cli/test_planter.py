@@ -43,7 +43,7 @@ def test_the_text_has_the_figures_and_the_assumptions(capsys: pytest.CaptureFixt
     assert "  tip               38.27° -0.493 m/s; 141.73° +0.493 m/s" in lines
     assert "  D                 0.0, 0.0 mm; 0.0, -171.3 mm/s" in lines
     assert "separation time     108.1 ms after the release at 170° (numerical and closed form)" in lines
-    assert lines[-1].startswith("assumed, not published: chain.offset_m, chain.tip_height_m, ")
+    assert lines[-1].startswith("assumed, not published: chain.teeth, chain.span_part, chain.offset_m, ")
 
 
 def test_the_printed_equations_have_no_separation(capsys: pytest.CaptureFixture[str]) -> None:
@@ -181,12 +181,12 @@ def test_tables_of_falls_are_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        falls.write_table, "__kwdefaults__", {"grid": falls.Grid((1.17,), (75.0,), 1), "progress": None}
+        falls.write_table, "__kwdefaults__", {"grid": falls.Grid((1.17,), (75.0,), 1, (58.0,)), "progress": None}
     )
     assert main(["planter", "--falls", str(tmp_path / "falls")]) == 0
     printed = capsys.readouterr()
     assert sorted(printed.out.splitlines()) == sorted(map(str, (tmp_path / "falls").iterdir()))
-    assert printed.err.splitlines() == ["rigid_ground: 1 of 1 ratios", "bench_soil: 1 of 1 ratios"]
+    assert printed.err.splitlines() == ["rigid_ground: 1 of 1 motions", "bench_soil: 1 of 1 motions"]
     (tmp_path / "file").write_text("")
     assert main(["planter", "--falls", str(tmp_path / "file")]) == 2
     assert "cannot be written" in capsys.readouterr().err

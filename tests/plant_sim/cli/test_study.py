@@ -80,7 +80,7 @@ def test_a_study_of_the_planter_counts_points(capsys: pytest.CaptureFixture[str]
     record = json.loads(printed.out)
     assert record["command"] == "python -m plant_sim study planter-release --trials 1 --seed 2"
     assert set(record["grounds"]) == {"rigid_ground", "bench_soil"}
-    assert printed.err.splitlines()[-1] == "24 of 24 points"
+    assert printed.err.splitlines()[-1] == "114 of 114 points"
 
 
 @pytest.mark.parametrize("workers", first_of(["1", "2"]))

@@ -99,6 +99,16 @@ def test_every_cup_and_seedling_of_the_arms_is_accounted_for(fed_arms: tuple[Arm
         assert len(row.seedlings) > 60
 
 
+def test_scans_beyond_the_ground_speed_sensor_and_the_air_are_counted(fed_arms: tuple[ArmsFeed, MotorDrive]) -> None:
+    """While the tractor slows down, the motor turns further than it drives: the slip is negative in some scans."""
+    arms, _ = fed_arms
+    beyond, scans = arms.sensor
+    assert 0 < beyond < 0.1 * scans
+    assert scans == 16_000
+    assert arms.duration_s == pytest.approx(160.0)
+    assert 0.0 < arms.air_l < arms.twin.plant.air_l
+
+
 @pytest.mark.nightly
 def test_the_causes_are_those_of_the_lost_seedlings() -> None:
     """At 45 plants per minute no cup is missed; each empty cup has the cause of the seedling that was lost."""

@@ -113,7 +113,18 @@ def test_the_slip_of_the_patches_has_the_mean_and_the_scatter() -> None:
     assert drawn.std() == pytest.approx(0.02, rel=5 / math.sqrt(40_000))
 
 
-def test_slip_is_limited() -> None:
+def test_slip_is_limited_and_the_patches_are_marked() -> None:
     ground = profile(Stretch(0.5, for_m=1000.0), length_m=1000.0)
-    drawn = WheelSlip(SlipSpec(0.45, 1.0, 1.0), ground, np.random.default_rng(5)).slip
-    assert (drawn.min(), drawn.max()) == (0.0, 0.9)
+    slip = WheelSlip(SlipSpec(0.2, 1.0, 1.0), ground, np.random.default_rng(5))
+    assert (slip.slip.min(), slip.slip.max()) == (-0.5, 0.9)
+    assert slip.limited.tolist() == [each in {-0.5, 0.9} for each in slip.slip.tolist()]
+    assert not WheelSlip(SlipSpec(0.2, 0.1, 1.0), ground, np.random.default_rng(5)).limited.any()
+
+
+def test_the_mean_slip_is_that_of_the_file_also_with_a_large_scatter() -> None:
+    """With mean 2 % and SD 5 %, one patch in three has a negative slip; clipped at 0, the mean would be 3.2 %."""
+    ground = profile(Stretch(0.5, for_m=20_000.0), length_m=20_000.0)
+    slip = WheelSlip(SlipSpec(0.02, 0.05, 1.0), ground, np.random.default_rng(5))
+    assert slip.slip.mean() == pytest.approx(0.02, abs=4 * 0.05 / math.sqrt(20_000))
+    assert np.mean(slip.slip < 0.0) == pytest.approx(0.345, abs=0.015)
+    assert np.all(np.diff(slip.wheel_at(np.linspace(0.0, 20_000.0, 9_999))) > 0.0)

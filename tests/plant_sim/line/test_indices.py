@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from plant_sim.line.row import NO_PLANT, Missing, PlantRow
 from plant_sim.planter.verdict import Stand
 
 
-def row_of(plants: list[tuple[int, Missing, int, bool]]) -> PlantRow:
+def row_of(plants: Sequence[tuple[int, Missing, int, bool]]) -> PlantRow:
     """Return a row with 0.4 m between cups; for each cup, plants, cause, stand and injury are given."""
     number = len(plants)
     seedlings, missing, stand, injured = (np.array(each) for each in zip(*plants, strict=True))
@@ -114,7 +115,7 @@ def test_rates_and_causes_of_a_small_row() -> None:
     )
     rates = planting_rates([row, dataclasses.replace(row)])
     assert rates == {
-        "qualified": Rate(4, 24),
+        "qualified": Rate(2, 24),
         "missed": Rate(14, 24),
         "double": Rate(2, 24),
         "lodged": Rate(2, 10),
@@ -123,6 +124,13 @@ def test_rates_and_causes_of_a_small_row() -> None:
     others = dict.fromkeys(("D", "T", "missed_cup", "handover", "release"), 1)
     assert missing_by_cause([row]) == {"P": 2, **others}
     assert (row.single, row.double, row.released) == (4, 1, 12)
+
+
+def test_a_row_that_leans_or_was_scraped_is_not_qualified() -> None:
+    """Of 100 single plants, 36 lean and 97 were scraped: 3 upright ones were not, and only these are qualified."""
+    row = row_of([UPRIGHT] * 64 + [TILTED] * 30 + [LODGED] * 6)
+    row.scraped[3:] = True
+    assert planting_rates([row])["qualified"] == Rate(3, 100)
 
 
 def test_the_interval_of_a_rate_is_exact() -> None:

@@ -46,7 +46,7 @@ def _signal() -> Iterator[None]:
 
 
 def result(name: str, metres: float = 30.0, seed: int = 1, profile: Path | None = None) -> LineResult:
-    return line_result(name, profile=profile, metres=metres, seed=seed, machine=load_machine())
+    return line_result(name, profile=profile, metres=metres, seed=seed, machine=load_machine(), repeat=1)
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +83,8 @@ def test_a_stop_does_not_lose_or_repeat_a_plant(tmp_path: Path) -> None:
     (tmp_path / "stops.yaml").write_text(text, encoding="utf-8")
     done = result("pepper", 35.0, profile=tmp_path / "stops.yaml")
     assert done.missing["missed_cup"] == 0
+    assert list(done.stops) == pytest.approx([2, 40.0])
+    assert " s, of which 40 s at 2 stops" in done.text()
     for row in done.rows:
         assert np.diff(row.travel_m) == pytest.approx(0.4 * 0.95, rel=1e-9)  # set for 5 %, no slip present
     assert done.duration_s > 35 / 0.3 + 2 * 20
@@ -156,7 +158,7 @@ def test_equal_results_give_identical_files(pepper: LineResult, written: list[Pa
 def test_the_command_prints_one_json_object_and_writes_the_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["line", "pepper", "--metres", "20", "--json", "--out", str(tmp_path / "out")]) == 0
+    assert main(["line", "pepper", "--metres", "20", "--repeat", "1", "--json", "--out", str(tmp_path / "out")]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["accounted"] is True
     assert record["metres"] == 20
@@ -172,6 +174,7 @@ def test_the_command_prints_one_json_object_and_writes_the_files(
         (["pepper", "--metres", "0"], "--metres 0: must be 1 to 100000"),
         (["pepper", "--metres", "nan"], "--metres nan: must be 1 to 100000"),
         (["pepper", "--metres", "90000"], "--metres: requires "),
+        (["pepper", "--repeat", "0"], "--repeat 0: must be 1 to 1000"),
         (["pepper", "--seed", "-1"], "--seed -1: must be 0 or more"),
         (["pepper", "--profile", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["pepper", "--machine", "nowhere.yaml"], "nowhere.yaml: cannot be read"),

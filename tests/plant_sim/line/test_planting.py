@@ -34,6 +34,7 @@ from tests.plant_sim.line.test_ground import stretches
 SPEED_M_S = 0.3
 SPACING_M = 0.4
 FREQUENCY_HZ = SPEED_M_S / SPACING_M
+PHASE = 0.4 * FREQUENCY_HZ
 
 
 def course(speed_m_s: float = SPEED_M_S, metres: float = 50.0) -> Course:
@@ -132,7 +133,7 @@ def test_a_block_lies_where_the_planter_has_released_it(ratio: float) -> None:
     )
     rng = np.random.default_rng(8)
     rng.random(row.released)  # random numbers that decide whether a block is released
-    falls = planter().draw(row.ratio, rng)
+    falls = planter().draw(row.ratio, rng, frequency_per_min=60 * row.speed_m_s * row.ratio / planter().pitch_m)
     assert row.ratio == pytest.approx(ratio)
     assert np.diff(row.travel_m) == pytest.approx(planter().pitch_m / ratio, rel=1e-9)
     assert row.position_m == pytest.approx(row.travel_m + falls.along_m)
@@ -213,7 +214,7 @@ def test_unreleased_blocks_have_their_share() -> None:
 
 def test_every_plug_is_caught_at_the_set_frequency() -> None:
     fed = full(120)
-    transport = drop_through_chute(chute(), fed, course(), set_frequency_hz=FREQUENCY_HZ, rng=np.random.default_rng(1))
+    transport = drop_through_chute(chute(), fed, course(), phase_cycles=PHASE, rng=np.random.default_rng(1))
     assert transport.seedlings.tolist() == [1] * 120
     assert np.abs(transport.phase).max() < 1e-9
     assert transport.lost == 0
@@ -229,7 +230,7 @@ def test_the_window_limits_the_speed(speed_m_s: float, caught: bool) -> None:
         chute(window="15 %"),
         full(100),
         course(speed_m_s),
-        set_frequency_hz=FREQUENCY_HZ,
+        phase_cycles=PHASE,
         rng=np.random.default_rng(1),
     )
     assert transport.phase == pytest.approx(0.4 * (speed_m_s / SPACING_M - FREQUENCY_HZ))
@@ -244,7 +245,7 @@ def test_the_share_outside_the_window_follows_from_the_scatter() -> None:
         chute(window="15 %", scatter="50 ms"),
         full(number),
         course(metres=9000.0),
-        set_frequency_hz=FREQUENCY_HZ,
+        phase_cycles=PHASE,
         rng=np.random.default_rng(2),
     )
     outside = math.erfc(2 / math.sqrt(2))
@@ -253,7 +254,7 @@ def test_the_share_outside_the_window_follows_from_the_scatter() -> None:
 
 def test_a_fixed_phase_error_shifts_every_arrival() -> None:
     transport = drop_through_chute(
-        chute(phase_error="-8 %"), full(50), course(), set_frequency_hz=FREQUENCY_HZ, rng=np.random.default_rng(1)
+        chute(phase_error="-8 %"), full(50), course(), phase_cycles=PHASE, rng=np.random.default_rng(1)
     )
     assert transport.phase == pytest.approx(-0.08)
 
@@ -267,7 +268,7 @@ def test_a_plug_in_the_window_of_the_next_planter_makes_a_double() -> None:
         chute(transit="1.3333333333333333 s"),
         fed,
         course(2 * SPEED_M_S),
-        set_frequency_hz=FREQUENCY_HZ,
+        phase_cycles=1.0,
         rng=np.random.default_rng(1),
     )
     assert transport.phase == pytest.approx(1.0)
@@ -297,7 +298,7 @@ def test_no_seedling_is_lost_without_count(
     seedlings = rng.choice([0, 1, 2], size=60, p=[0.2, 0.7, 0.1])
     fed = FedRow(seedlings, np.where(seedlings, Missing.NONE, Missing.P), 4.5)
     entry = chute(transit=f"{transit_s} s", scatter=f"{scatter_s} s", window=f"{window}", phase_error=f"{phase}")
-    transport = drop_through_chute(entry, fed, Course(ground, drive, 30.0), set_frequency_hz=1.0, rng=rng)
+    transport = drop_through_chute(entry, fed, Course(ground, drive, 30.0), phase_cycles=transit_s, rng=rng)
     over_chute = int(np.count_nonzero(4.5 + np.arange(60) <= drive.end_cycles))
     assert transport.seedlings.sum() + transport.lost == seedlings[:over_chute].sum()
     assert np.all((transport.seedlings > 0) == (transport.cause == Missing.NONE))

@@ -20,7 +20,7 @@ from plant_sim.planter.verdict import Stand
 
 
 def result(name: str, metres: float, profile: Path | None = None) -> LineResult:
-    return line_result(name, profile=profile, metres=metres, seed=1, machine=load_machine())
+    return line_result(name, profile=profile, metres=metres, seed=1, machine=load_machine(), repeat=1)
 
 
 @pytest.fixture(scope="module")
@@ -36,15 +36,16 @@ def cabbage() -> LineResult:
 def test_the_target_spacing_determines_lambda_and_the_release() -> None:
     """35, 40, 45 and 50 cm require 1.398, 1.223, 1.087 and 0.979; the paper requires at least 1.17."""
     table = default_table(Ground.SOIL)
-    each = forecasts(SPACINGS_M, ChainPlanter(table, 104.62), seed=1)
+    each = forecasts(SPACINGS_M, ChainPlanter(table, 104.62), speed_m_s=0.42, seed=1)
     assert [forecast.ratio for forecast in each] == pytest.approx([1.398, 1.223, 1.087, 0.979], abs=5e-4)
     assert [forecast.record()["clean_by_paper"] for forecast in each] == [True, True, False, False]
     assert [forecast.is_clean for forecast in each] == [True, True, False, False]
     assert [forecast.regime for forecast in each] == [Regime.TROCHOID] * 3 + [Regime.SHORTENED_CYCLOID]
     assert "40 cm requires lambda 1.223" in each[1].text()
     assert "release clean" in each[1].text()
-    (beyond,) = forecasts((0.20,), ChainPlanter(table, 104.62), seed=1)
+    (beyond,) = forecasts((0.20,), ChainPlanter(table, 104.62), speed_m_s=0.20, seed=1)
     assert beyond.text().endswith("extrapolated")
+    assert [each.within for each in forecasts((0.40,), ChainPlanter(table, 104.62), speed_m_s=0.46, seed=1)] == [False]
 
 
 @pytest.mark.parametrize("clamp_n", [89.95, 119.29])
@@ -52,7 +53,7 @@ def test_the_clamp_force_changes_the_share_of_sticking_blocks(clamp_n: float) ->
     """At a high lambda, only sticking blocks lodge; their share follows from the parameters of the planter."""
     planter = ChainPlanter(default_table(Ground.SOIL), clamp_n)
     number = 20_000
-    falls = planter.draw(np.full(number, 1.4), np.random.default_rng(2))
+    falls = planter.draw(np.full(number, 1.4), np.random.default_rng(2), frequency_per_min=58)
     share = planter.table.planter.scatter.stick_share_at(clamp_n)
     lodged = np.count_nonzero(falls.stand == Stand.LODGED)
     assert lodged == pytest.approx(share * number, abs=5 * math.sqrt(share * number))
@@ -76,7 +77,8 @@ def test_injury_is_stated_for_cabbage_blocks_only(combined: LineResult, cabbage:
     )
     assert "injured" in cabbage.rates
     assert cabbage.extrapolated_injuries > 0
-    assert f"injury extrapolated for {cabbage.extrapolated_injuries} plants" in cabbage.text()
+    first, _ = cabbage.text().split("row judged", 1)
+    assert f"OUTSIDE: {cabbage.extrapolated_injuries:,} of {cabbage.plants:,} injuries" in first
 
 
 def test_lodging_and_injury_of_the_cabbage_line_agree_with_its_sources(cabbage: LineResult) -> None:

@@ -9,15 +9,27 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
+from pymodbus.client import ModbusTcpClient
 
+from controller.hmi.panel.modbus.telemetry import TelemetryTag
 from plant_sim.crop.incident import Incident
 from plant_sim.crop.planting_row import PassedCup
 from plant_sim.crop.seedling import Location
+from plant_sim.links.modbus_server import PlantServer
+from plant_sim.links.server_thread import ServerThread
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.links.telemetry import TELEMETRY, TELEMETRY_REGISTERS, read_telemetry, telemetry_table
 from plant_sim.links.write_timing import PlcState
 from plant_sim.machine.plant import Event
-from tests.controller.common.modbus_rig import MACHINE, Client, Rig, read_raw_registers, read_registers
+from tests.controller.common.modbus_rig import (
+    MACHINE,
+    PATIENT_S,
+    Client,
+    Rig,
+    make_module,
+    read_raw_registers,
+    read_registers,
+)
 
 CUPS = (
     (1, None),
@@ -200,8 +212,8 @@ def test_decoding_requires_all_registers(count: int) -> None:
 def test_the_documentation_table_has_a_row_for_every_value() -> None:
     heading, *rows = telemetry_table()
     assert [len(row) for row in rows] == [len(heading)] * len(TELEMETRY)
-    assert rows[0] == ("0", "2", "time_ms", "1", "plant time")
-    assert rows[14] == ("15", "1", "left.claw_deg", "0.1, signed", "left finger angle, positive when open")
+    assert rows[0] == ("0", "2", "high first", "time_ms", "1", "plant time")
+    assert rows[14] == ("15", "1", "", "left.claw_deg", "0.1, signed", "left finger angle, positive when open")
 
 
 def test_the_limits_of_the_tag_file_are_those_of_the_machine() -> None:
@@ -213,3 +225,22 @@ def test_the_limits_of_the_tag_file_are_those_of_the_machine() -> None:
         "left.clamp_n": f"{machine.claws.holds_above_n:g}",
         "right.clamp_n": f"{machine.claws.holds_above_n:g}",
     }
+
+
+def test_the_word_order_of_the_tag_file_is_that_of_the_server() -> None:
+    """A foreign client and the panel read the values of two words by the file alone."""
+    module = make_module()
+    module.last_write_ms, module.tripped_at_ms = 0x1234_5678, 0x0ABC_0001
+    rows = {row["name"]: row for row in csv.DictReader(io.StringIO(tag_csv()))}
+    assert {row["word_order"] for row in rows.values() if row["words"] == "2"} == {"high first"}
+    assert {row["word_order"] for row in rows.values() if row["words"] != "2"} == {""}
+    server = PlantServer(module, port=0, lock_step_ms=10)
+    with ServerThread(server), ModbusTcpClient("127.0.0.1", port=server.port, timeout=PATIENT_S) as client:
+        for name, value in (("last_write_ms", 0x1234_5678), ("tripped_at_ms", 0x0ABC_0001)):
+            row = rows[name]
+            words = client.read_input_registers(int(row["address"]), count=2).registers
+            high, low = {"high first": words, "low first": words[::-1]}[row["word_order"]]
+            assert high << 16 | low == value
+            cells = {key: cell for key, cell in row.items() if cell}
+            assert TelemetryTag.model_validate(cells).decode(words) == value
+            assert TelemetryTag.model_validate(cells | {"word_order": "low first"}).decode(words[::-1]) == value

@@ -126,7 +126,7 @@ def test_the_input_filter_sees_changes_between_two_scans() -> None:
 def test_table() -> None:
     timing = ScanTiming(12, 2, 80)
     reports = [trial(IDLE, timing)]
-    *_, line = table([ScanRow(timing, reports)])
+    *_, line = table([ScanRow(timing, reports)]).splitlines()
     assert line == "| 12 ± 2, one in 1000: 80 | 0 of 1 | 0 | 0 | 0 | 0 | 72 | 0 | – |"
 
 

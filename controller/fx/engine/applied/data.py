@@ -73,7 +73,7 @@ def zrst(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
             raise OperationError
         size = max(high - low, 0) + 1
         row = slice(low, low + size)
-        if kind == "D":
+        if kind in "DR":
             memory.D[row] = [0] * size
             return
         memory.bits(kind)[row] = [False] * size
@@ -87,7 +87,7 @@ def zrst(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 def _single(cpu: Cpu, device: DeviceOperand, wide: bool) -> Callable[[], int]:
     """Return a function that resolves the number of one device."""
-    if device.kind in "DTC":
+    if device.kind in "DRTC":
         row = words(cpu, device, wide)
         return lambda: row.find(1)
     _, span = bits(cpu, device)

@@ -1,16 +1,17 @@
 """Telemetry from a second Modbus source: positions, pressures and seedling counts that the controller does not provide.
 
 A CSV file defines the tags; if no file is specified, the page shows no telemetry. Columns: `name` (its suffix is the
-unit), `table` (holding, input, coil, discrete), `address`, `words` (1, or 2 with the high word first), `scale` (value
-of one count), `signed`, `none` (all bits set means "no value"), `writable`, `low` and `high` (limits outside of which
-the value is abnormal, in its unit; empty = none), `meaning`.
+unit), `table` (holding, input, coil, discrete), `address`, `words` (1 or 2), `word_order` of two words by ascending
+address ("high first", the default, or "low first"), `scale` (value of one count), `signed`, `none` (all bits set means
+"no value"), `writable`, `low` and `high` (limits outside of which the value is abnormal, in its unit; empty = none),
+`meaning`.
 """
 
 from __future__ import annotations
 
 import asyncio
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -45,6 +46,7 @@ class TelemetryTag(BaseModel):
     table: Table
     address: Annotated[int, Field(ge=0, le=0xFFFF)]
     words: Annotated[int, Field(ge=1, le=2)] = 1
+    word_order: Literal["high first", "low first"] = "high first"
     scale: float = 1.0
     signed: bool = False
     none: bool = False
@@ -63,10 +65,10 @@ class TelemetryTag(BaseModel):
         """True for a coil or a discrete input."""
         return self.table in ("coil", "discrete")
 
-    def decode(self, words: Iterable[int]) -> float | None:
-        """Decode raw words, high word first; return None if they represent "no value"."""
+    def decode(self, words: Sequence[int]) -> float | None:
+        """Decode raw words by ascending address; return None if they represent "no value"."""
         counts = 0
-        for word in words:
+        for word in words if self.word_order == "high first" else reversed(words):
             counts = counts << 16 | word
         span = 1 << 16 * self.words
         if self.none and counts == span - 1:

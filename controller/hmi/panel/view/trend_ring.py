@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from bisect import bisect_left
 from collections.abc import Iterator
 from itertools import chain
 from typing import Final
@@ -40,12 +41,12 @@ class TrendRing:
     @property
     def oldest_ms(self) -> int | None:
         """Start of the oldest period, ms since 1970 UTC; None = there is none."""
-        return self._times[2 * self._first] if self._count else None
+        return self._utc_ms(0) if self._count else None
 
     @property
     def newest_ms(self) -> int | None:
         """Start of the newest period, ms since 1970 UTC; None = there is none."""
-        return self._times[2 * self._slot(self._count - 1)] if self._count else None
+        return self._utc_ms(self._count - 1) if self._count else None
 
     def append(self, period: TrendPeriod) -> None:
         """Add a period that follows the newest one."""
@@ -68,12 +69,34 @@ class TrendRing:
         self._count -= count
 
     def copy(self) -> TrendRing:
-        """Return a copy, which another thread can read."""
+        """Return a full ring with the same periods, which another thread can read."""
+        return self._copied(0, self._count)
+
+    def part(self, from_ms: int, to_ms: int) -> TrendRing:
+        """Return a full ring with the periods that have a time in an interval, which another thread can read.
+
+        The first period may end before the interval.
+
+        Args:
+            from_ms: Start of the interval, ms since 1970 UTC.
+            to_ms: End of the interval, ms since 1970 UTC, exclusive.
+        """
+        begin, end = (bisect_left(range(self._count), at_ms, key=self._utc_ms) for at_ms in (from_ms, to_ms))
+        return self._copied(max(0, begin - 1), end)
+
+    def _copied(self, begin: int, end: int) -> TrendRing:
+        """Return a full ring with consecutive periods; it takes no more memory than they need."""
+        count = max(0, end - begin)
         copied = TrendRing(0, 0)
-        copied._width, copied._most = self._width, self._most
-        copied._first, copied._count = self._first, self._count
-        copied._times, copied._values = self._times[:], self._values[:]
+        copied._width, copied._most, copied._count = self._width, count, count
+        at = self._slot(begin) if count else 0
+        for slots in (slice(at, at + count), slice(0, max(0, at + count - self._most))):
+            copied._times += self._times[2 * slots.start : 2 * slots.stop]
+            copied._values += self._values[self._width * slots.start : self._width * slots.stop]
         return copied
+
+    def _utc_ms(self, number: int) -> int:
+        return self._times[2 * self._slot(number)]
 
     def _slot(self, number: int) -> int:
         return (self._first + number) % self._most

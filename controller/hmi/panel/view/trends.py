@@ -123,7 +123,7 @@ class Trends:
         to_ms = now_ms if end_ms is None else min(end_ms, now_ms)
         from_ms = max(to_ms - span_ms, now_ms - KEPT_MS)
         step_ms = max(SAMPLE_MS, -(-span_ms // points))
-        recorded = self._recorded(step_ms)
+        recorded = self._recorded(from_ms, to_ms, step_ms)
         tables = await in_thread("trends of the panel", self._tables, recorded, from_ms, to_ms, step_ms)
         return {
             "now_ms": now_ms,
@@ -134,17 +134,17 @@ class Trends:
             "tables": tables,
         }
 
-    def _recorded(self, step_ms: int) -> Iterator[TrendPeriod]:
-        """Return an iterator of another thread over samples and periods in chronological order.
+    def _recorded(self, from_ms: int, to_ms: int, step_ms: int) -> Iterator[TrendPeriod]:
+        """Return an iterator of another thread over the samples and periods of an interval, in chronological order.
 
         If a step has several periods, they are sufficient. They are copied at once, but become objects one by one, so
         that an answer takes no more memory the more has been recorded.
         """
-        periods = self._periods.copy()
+        periods = self._periods.part(from_ms, to_ms)
         if step_ms >= PERIOD_MS:
             return chain(periods, [merged(self._open)] if self._open else [])
-        samples = self._samples.copy()
-        first_ms = self._wall_ms() if samples.oldest_ms is None else samples.oldest_ms
+        first_ms = self._wall_ms() if self._samples.oldest_ms is None else self._samples.oldest_ms
+        samples = self._samples.part(from_ms, to_ms)
         return chain((row for row in periods if row.end_ms <= first_ms), samples)
 
     def _tables(self, recorded: Iterable[TrendPeriod], from_ms: int, to_ms: int, step_ms: int) -> list[Json]:

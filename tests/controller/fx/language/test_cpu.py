@@ -24,6 +24,10 @@ ONLY_FX3U = (
     "DDRVA K100000 K1000 Y1 M0",
     "DENEG D0",
     "MOV D8511 D0",
+    "MOV K5 R32767",
+    "DMOV R32766 D0",
+    "OUT T0 R5",
+    "MOV R0Z0 D0",
 )
 
 
@@ -64,6 +68,9 @@ def test_operands_outside_the_ranges_of_an_fx3u() -> None:
         "E1-39": "does not fit",
         "T512": "T0 to T511",
         "D8512.0": "D0 to D8511",
+        "R32768": "R32768 does not exist on an FX3U; it has R0 to R32767",
+        "R0.1": "not an operand",
+        "ER5": "extension file register",
     }.items():
         with pytest.raises(OperandError, match=reason) as caught:
             parse_operand(text, FX3U)
@@ -85,6 +92,10 @@ def test_operands_outside_the_ranges_of_an_fx3u() -> None:
         ("DRVI K5 K100 Y0 Y4", 9),
         ("DDRVI K5 K100 Y0 Y4", 17),
         ("DEMOV E1.0 D0", 9),
+        ("MOV R0 R1", 5),
+        ("DADD R0 R2 R4", 13),
+        ("RST R5", 3),
+        ("OUT T0 R5", 3),
     ],
 )
 def test_steps_of_an_fx3u(line: str, count: int) -> None:
@@ -99,3 +110,12 @@ def test_models_by_key() -> None:
     assert list(CPU_MODELS) == ["fx2n", "fx3u"]
     assert CPU_MODELS["fx2n"] is FX2N
     assert {name for name, form in FORMS.items() if form.kind.fx3} >= {"DEMOV", "DRVI", "DDRVA", "DRADP"}
+
+
+def test_extension_registers_are_counted_for_an_fx3u_only() -> None:
+    assert "2 of 32768 R" in str(usage(read_il("LD X0\nMOV R0 R9\nEND", cpu=FX3U)))
+    assert " R" not in str(usage(read_il("LD X0\nMOV D0 D9\nEND")))
+    with pytest.raises(LadderError, match="R0 is an extension register, which only an FX3U has; use D, or use --cpu"):
+        read_il("LD X0\nMOV R0 D9\nEND")
+    with pytest.raises(LadderError, match="2 devices starting at R32767 extend beyond R32767"):
+        read_il("LD X0\nDMOV R32767 D9\nEND", cpu=FX3U)

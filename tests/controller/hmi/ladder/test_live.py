@@ -138,6 +138,15 @@ def test_the_devices_of_an_fx3u_are_accessible() -> None:
     carried_out(session.write_bits(bits), lambda: live.scan(10))
     assert session.read_bits(D("Y0"), 1) == [True]
     assert session.read_bits(D("M7679"), 1) == [True]
+    words = [(D("R0"), 0xFFFE), (D("R32767"), 7)]
+    carried_out(session.write_words(words), lambda: live.scan(20))
+    assert session.read_words(D("R32767"), 1) == [7]
+    assert session.read_words(D("R0"), 2) == [0xFFFE, 0]
+    assert live.plc.memory.word("R", 0) == -2
+    assert session.read_words(D("D8511"), 1) == [0]
+    for first, number in (("R32768", 1), ("R32767", 2), ("D8512", 1), ("D8511", 2)):
+        with pytest.raises(AccessRefusedError):
+            session.read_words(D(first), number)
     for first, number in (("M7680", 1), ("M7679", 2), ("S4096", 1), ("T512", 1)):
         with pytest.raises(AccessRefusedError):
             session.read_bits(D(first), number)
@@ -246,12 +255,21 @@ def test_invalid_options_are_reported_in_one_line(
 def test_cpu_and_modules_apply_to_a_live_program(tmp_path: Path) -> None:
     """Devices and instructions of an FX3U, and FROM of a module, whose buffer has no other source."""
     program, modules = tmp_path / "fx3u.il", tmp_path / "modules.yaml"
-    program.write_text("LD M8000\nDEMOV E1.5 D0\nOUT M7600\nOUT T300 K1\nFROM K0 K1 D10 K1\nEND\n", encoding="utf-8")
+    program.write_text(
+        "LD M8000\nDEMOV E1.5 D0\nOUT M7600\nOUT T300 K1\nMOV R0 R32767\nFROM K0 K1 D10 K1\nEND\n", encoding="utf-8"
+    )
     modules.write_text("modules:\n  - {position: 0, model: buffer, size: 2, initial: {1: 77}}\n", encoding="utf-8")
     options = ["--cpu", "fx3u", "--modules", str(modules), "--serve-mc", "3e", "--mc-port", "0"]
+    options += ["--serve-modbus", "--modbus-port", "0"]
     with Process("ladder", ["controller", "ladder", "run", str(program), *options]) as process:
-        port = json.loads(process.next_line(LIMIT_S) or "{}")["mc_port"]
-        with McClient("127.0.0.1", port, Frame3E(), timeout_s=PATIENT_S) as mc:
+        served = json.loads(process.next_line(LIMIT_S) or "{}")
+        modbus = ModbusClient("127.0.0.1", served["modbus_port"], timeout=PATIENT_S)
+        with McClient("127.0.0.1", served["mc_port"], Frame3E(), timeout_s=PATIENT_S) as mc:
+            mc.write_words(D("R0"), [0x1234])
+            until(lambda: modbus.read_holding_registers(register_address("R", 32_767), 1) == [0x1234])
+            assert modbus.write_single_register(register_address("R", 0), 0xFFFF)
+            until(lambda: mc.read_words(D("R32767"), 1) == (0xFFFF,))
+            modbus.close()
             until(lambda: mc.read_bits(D("M7600"), 1) == (True,))
             until(lambda: mc.read_bits(D("T300"), 1) == (True,))
             assert mc.read_words(D("D0"), 2) == (0, 0x3FC0), "1.5"

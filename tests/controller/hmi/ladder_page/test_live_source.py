@@ -8,6 +8,8 @@ import httpx
 import pytest
 from pymodbus.client import ModbusTcpClient
 
+from controller.fx.language.cpu_model import FX3U
+from controller.fx.language.il import read_il
 from controller.fx.observation.observed_plc import ObservedPlc
 from controller.hmi.ladder_page import live_source
 from controller.hmi.ladder_page.application import MOST_NAMED
@@ -95,6 +97,16 @@ def test_the_scan_as_executed_is_that_of_the_program(rig: LadderRig) -> None:
         assert (look["scan"], look["at_ms"], look["differing"]) == (truth.scans, rig.now_ms, [])
         states.update(expected.values())
     assert states >= {"on", "off", "not-executed"}
+
+
+def test_extension_registers_of_an_fx3u(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_source, "PERIOD_MS", 0)
+    with LadderRig(read_il("LD X0\nINC R40\nLD> R40 R9000\nOUT Y0\nEND\n", cpu=FX3U)) as rig:
+        for _ in range(4):
+            rig.scan((0,))
+        for view in ("end", "executed"):
+            assert rig.web.look(view)["symbols"]["3"] == "on"
+        assert rig.web.look("executed")["differing"] == []
 
 
 def test_a_frozen_scan_stays_in_both_views_while_scans_go_on(rig: LadderRig) -> None:

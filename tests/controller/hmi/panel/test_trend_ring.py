@@ -41,7 +41,24 @@ def test_it_has_the_periods_of_a_deque_after_any_changes() -> None:
         assert (ring.oldest_ms, ring.newest_ms) == ends
         if number % 100 == 0:
             copies.append((ring.copy(), [*expected]))
+        if expected:
+            from_ms = expected[0].utc_ms + drawn.randint(-3, number)
+            to_ms = from_ms + drawn.randint(0, MOST)
+            inside = [each for each in expected if from_ms <= each.utc_ms < to_ms]
+            before = [each for each in expected if each.utc_ms < from_ms][-1:]
+            assert [*ring.part(from_ms, to_ms)] == [*before, *inside]
     assert all([*copied] == periods for copied, periods in copies)
+
+
+def test_a_copy_takes_only_the_memory_of_its_periods() -> None:
+    drawn = random.Random(3)
+    ring = TrendRing(SERIES, 1_000)
+    for number in range(1_010):
+        ring.append(period(number, drawn))
+    two = TrendRing(SERIES, 2)
+    part = ring.part(ring.oldest_ms + 990, ring.oldest_ms + 992) if ring.oldest_ms is not None else ring
+    assert len(part) == 3  # with the one before
+    assert sys.getsizeof(part._values) < 2 * sys.getsizeof(two._values)
 
 
 def test_its_memory_is_that_of_an_empty_one() -> None:

@@ -306,6 +306,7 @@ def test_telemetry_is_shown_and_the_box_can_be_operated(tmp_path: Path) -> None:
         (HEADING + "a,input,1,1,1,0,0,0,m,more\n", "tags.csv:2: more cells"),
         ("name,table,address,colour\na,input,1,red\n", "tags.csv:2: colour: unknown column"),
         (LIMITED + "a,input,1,low,\n", "tags.csv:2: low"),
+        ("name,table,address,words,word_order\na,input,1,2,low\n", "tags.csv:2: word_order"),
         (LIMITED + "a,input,1,,inf\n", "tags.csv:2: high"),
         (HEADING + 2 * "a,input,1,1,1,0,0,0,m\n", "duplicate tag a"),
     ],

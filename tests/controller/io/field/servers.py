@@ -106,12 +106,14 @@ class SerialModules:
     Attributes:
         path: Path of the device file; it does not exist while the adapter is unplugged.
         alter: Function that returns the frames that are sent instead of an answer.
+        returned: Function that returns what the adapter of the master receives of a request that the master sends.
     """
 
     def __init__(self, path: str, boxes: dict[int, Box]) -> None:
         self.path = path
         self.boxes = boxes
         self.alter: Callable[[bytes], list[bytes]] = lambda frame: [frame]
+        self.returned: Callable[[bytes], bytes] = lambda _frame: b""
 
     def __enter__(self) -> Self:
         self.plug()
@@ -156,6 +158,7 @@ class SerialModules:
                     break
                 frame, data = data[:size], data[size:]
                 assert crc(frame[:-2]) == frame[-2:]
+                os.write(self._end, self.returned(frame))
                 box = self.boxes.get(frame[0])
                 reply = None if box is None else box.answer(frame[1:-2], None)
                 if reply is not None:

@@ -60,6 +60,10 @@ class Bus:
             unit.plan = plan
 
 
+READ_OF_THE_FIRST_INPUT = b"\x02\x00\x00\x00\x01"
+"""Request that shows whether the adapter returns what is sent."""
+
+
 def with_checksum(body: bytes) -> bytes:
     return body + crc(body)
 
@@ -178,5 +182,73 @@ def test_a_device_without_an_echo_is_used_with_a_quiet_time(stack: ExitStack, tm
     rig = FieldRig(file_of(tmp_path, entry, lines=LINES % line.path), [])
     stack.callback(rig.link.close)
     rig.link.open()
-    assert box.requests == []
+    assert box.requests == [READ_OF_THE_FIRST_INPUT]
     assert rig.link.read_inputs()
+
+
+def as_sent(frame: bytes) -> bytes:
+    return frame
+
+
+def settings_of(bus: Bus) -> list[object]:
+    """Open the link, move the machine for some scans, and return what the valves have received."""
+    bus.rig.start()
+    bus.rig.move()
+    return list(bus.boxes[2].outputs)
+
+
+def test_an_adapter_that_returns_what_is_sent_is_named_once_and_changes_nothing(
+    stack: ExitStack, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bus = Bus(stack, tmp_path)
+    bus.line.returned = as_sent
+    assert any(settings_of(bus))
+    bus.rig.scan(10)
+    bus.line.unplug()
+    bus.rig.scan(20)
+    bus.line.plug()
+    until_back_ms(bus.rig)
+    bus.rig.scan(10)
+    assert {event.change for event in bus.rig.events} == {"lost", "back"}
+    told = [record.getMessage() for record in caplog.records if "returns what is sent" in record.getMessage()]
+    assert told == [f"{bus.line.path}: the adapter returns what is sent; the returned bytes are removed"]
+
+
+def test_a_silent_device_behind_an_adapter_that_returns_what_is_sent_is_not_reachable(
+    stack: ExitStack, tmp_path: Path
+) -> None:
+    """The request of the echo (function 8) comes back from the adapter, and the valves answer nothing."""
+    bus = Bus(stack, tmp_path)
+    bus.line.returned = as_sent
+    del bus.boxes[2]
+    with bus.impatient(), pytest.raises(LinkError, match=r"valves .*: no valid answer within 200 ms"):
+        bus.rig.link.open()
+    assert [device.is_open for device in bus.rig.link.devices] == [True, False]
+
+
+def test_a_request_that_comes_back_damaged_is_a_failed_exchange(stack: ExitStack, tmp_path: Path) -> None:
+    """The unit has received it perhaps as damaged as the adapter has."""
+    bus = Bus(stack, tmp_path)
+    bus.line.returned = as_sent
+    link = bus.rig.link
+    link.open()
+    assert link.read_inputs()
+    for damaged in (lambda frame: frame[:3] + bytes([frame[3] ^ 1]) + frame[4:], lambda frame: frame[:-1]):
+        bus.line.returned = damaged
+        with bus.impatient(), pytest.raises(LinkError, match="no valid answer within 200 ms"):
+            link.read_inputs()
+        bus.line.returned = as_sent
+        link.open()
+        assert link.read_inputs()
+
+
+def test_an_adapter_that_is_replaced_while_the_line_is_open(stack: ExitStack, tmp_path: Path) -> None:
+    """Behind a port that remains open; in both directions, the link is right again when it has been opened."""
+    bus = Bus(stack, tmp_path)
+    link = bus.rig.link
+    for returned in (as_sent, lambda _frame: b"", as_sent):
+        bus.line.returned = returned
+        with bus.impatient():
+            link.open()
+            assert link.read_inputs()
+            link.write_outputs(link.read_outputs())

@@ -17,6 +17,7 @@ from plant_sim.planter.scatter import Ground
 from plant_sim.planter.verdict import FallVerdict
 from plant_sim.study.planter import lodging_study as lodging
 from plant_sim.study.planter import release_study as release
+from plant_sim.study.planter import release_windows as windows
 from plant_sim.study.planter import verdict_study as verdicts
 from plant_sim.study.planter.lodging_trials import (
     LodgingSetting,
@@ -25,7 +26,9 @@ from plant_sim.study.planter.lodging_trials import (
     pooled,
     simulate_trials,
 )
-from plant_sim.study.planter.verdicts import FallPoint, VerdictCount, count_verdicts, crossings
+from plant_sim.study.planter.verdict_robustness import robust_up_to_deg, robustness
+from plant_sim.study.planter.verdict_space import VerdictSpace
+from plant_sim.study.planter.verdicts import CASES, FallPoint, VerdictCount, count_verdicts, crossings
 from plant_sim.study.report.study import Study, write
 from tests.sampling import first_of
 
@@ -37,10 +40,14 @@ def record_of(study: Study) -> Any:
     return study.record
 
 
+UNDISTURBED = (("scatter.pitch_deg", 0.0), ("scatter.slope_deg", 0.0), ("scatter.uneven_s", 0.0))
+
+
 @pytest.mark.nightly
-def test_verdicts_of_the_cases_of_the_paper_hold_in_most_draws() -> None:
-    points = [FallPoint(case.motion(PLANTER).ratio, PLANTER.chain.release_deg, 30) for case in verdicts.CASES]
-    for case, count in zip(verdicts.CASES, count_verdicts(PLANTER, RANGES, points, seed=4, workers=1), strict=True):
+def test_verdicts_of_the_cases_of_the_paper_hold_in_most_undisturbed_draws() -> None:
+    release_deg = PLANTER.chain.release_deg
+    points = [FallPoint(case.motion(PLANTER).ratio, release_deg, 30, UNDISTURBED) for case in CASES]
+    for case, count in zip(CASES, count_verdicts(PLANTER, RANGES, points, seed=4, workers=1), strict=True):
         assert count.share(case.verdict) >= 0.9, case
         assert sum(count.counts.values()) == 30
         low, high = count.interval(case.verdict)
@@ -48,15 +55,15 @@ def test_verdicts_of_the_cases_of_the_paper_hold_in_most_draws() -> None:
 
 
 def test_verdicts_hold_with_another_opener_and_another_guide_plate() -> None:
-    """The paper's verdicts also result with other openers and a smaller gap; with 4 mm, the middle case is weaker."""
+    """Without disturbances, the paper's verdicts also result with other openers and a smaller gap."""
     points = [
-        FallPoint(case.motion(PLANTER).ratio, opener_deg, 6, (("chain.guide_behind_m", 0.0205),))
-        for case in verdicts.CASES
+        FallPoint(case.motion(PLANTER).ratio, opener_deg, 6, (*UNDISTURBED, ("chain.guide_behind_m", 0.0205)))
+        for case in CASES
         for opener_deg in (50.0, 65.0)
     ]
     counts = count_verdicts(PLANTER, RANGES, points, seed=2, workers=1)
     for count, case in zip(counts, np.repeat(np.arange(3), 2).tolist(), strict=True):
-        assert count.share(verdicts.CASES[case].verdict) >= 0.8
+        assert count.share(CASES[case].verdict) >= 0.8
 
 
 @pytest.mark.parametrize("workers", first_of([1, 2]))
@@ -74,49 +81,23 @@ def test_crossings_are_interpolated_in_both_directions() -> None:
 @pytest.fixture(scope="module")
 def verdict_report() -> Study:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verdicts, "CASE_DRAWS", 8)
-        patch.setattr(verdicts, "CHECK_DRAWS", 1)
         patch.setattr(verdicts, "RATIOS", (0.85, 0.92, 1.0, 1.05, 1.3))
-        patch.setattr(verdicts, "OPENERS_DEG", (75.0, 120.0))
-        return verdicts.verdict_study(PLANTER, RANGES, draws=4, seed=1, workers=1)
+        return verdicts.verdict_study(PLANTER, RANGES, draws=4, seed=1, workers=2)
 
 
 @pytest.mark.nightly
-def test_verdict_study_finds_the_switches(verdict_report: Study, tmp_path: Path) -> None:
-    switches = record_of(verdict_report)["switches"]
-    assert [0.865 < at < 1.0 for at in switches["tipped to pushed"]] == [True]
-    assert [1.0 <= at < 1.1 for at in switches["pushed to clean"]] == [True]
+def test_verdict_study_has_switches_robustness_and_influences(verdict_report: Study, tmp_path: Path) -> None:
+    record = record_of(verdict_report)
+    assert [0.865 < at < 1.0 for at in record["switches"]["tipped to pushed"]] == [True]
+    assert len(record["robustness"]) == 21
+    assert [each["ratio"] for each in record["sensitivity"]] == [0.87, 1.0, 1.17]
+    assert all(len(each["indices"]) <= 8 < len(each["effects"]) for each in record["sensitivity"])
     text = verdict_report.text()
     assert str(verdict_report.parts[0]).startswith("What was fitted to what: ")
-    assert "The verdicts of all three cases are reproduced." in text
     assert "The paper contradicts itself" in text
     assert "lodging is 1.99 to 8.53 %" in text
     names = {path.name for path in write(verdict_report, tmp_path / "out")}
-    assert {"report.md", "report.html", "study.json", "sweep.csv", "check.csv", "cases.csv", "verdicts.png"} <= names
-
-
-@pytest.mark.parametrize(
-    ("clean_of_4", "sentence"),
-    [(4, "3 of 3 points {} There are no exceptions."), (3, "2 of 3 points {} Exceptions: λ 1.1743, gap 0.5 mm, 75°.")],
-)
-def test_openers_without_the_verdict_of_the_paper_are_named(
-    monkeypatch: pytest.MonkeyPatch, clean_of_4: int, sentence: str
-) -> None:
-    """Three cases with one guide plate and two openers; the case with a clean verdict has some other falls."""
-    monkeypatch.setattr(verdicts, "OPENERS_DEG", (75.0, 120.0))
-    counts = []
-    for case in verdicts.CASES:
-        falls = Counter({case.verdict: 4})
-        if case.verdict is FallVerdict.CLEAN:
-            falls = Counter({FallVerdict.CLEAN: clean_of_4, FallVerdict.PUSHED: 4 - clean_of_4})
-        points = [
-            FallPoint(case.motion(PLANTER).ratio, opener_deg, 4, (("chain.guide_behind_m", 0.0205),))
-            for opener_deg in (75.0, 120.0)
-        ]
-        counts += [VerdictCount(point, falls) for point in points]
-    parts = verdicts._check_parts(verdicts.VerdictSweep(PLANTER, counts[::2], (), counts))
-    have = "have the verdict of the paper in at least 90 % of the falls."
-    assert sentence.format(have) in "".join(part for part in parts if isinstance(part, str))
+    assert {"sweep.csv", "cases.csv", "verdicts.png", "robustness.csv", "robustness.png", "influence-87.csv"} <= names
 
 
 @pytest.mark.nightly
@@ -132,22 +113,43 @@ def test_release_study_draws_the_window(tmp_path: Path) -> None:
     place = OPENERS_DEG.index(75.0)
     assert rigid["clean"][ratios.index(0.85), place] == 0.0
     assert rigid["lodged"][ratios.index(0.85), place] > 0.9
-    assert rigid["clean"][ratios.index(1.17), place] == 1.0
-    assert rigid["windows_deg"][ratios.index(1.0)] == [(120.0, 150.0)]
+    assert rigid["clean"][ratios.index(1.17), place] > 0.7
+    assert len(record_of(study)["loops"]) == len(record_of(study)["late"]) / 4 == 9
     assert {path.suffix for path in write(study, tmp_path / "out")} == {".md", ".html", ".json", ".csv", ".png", ".svg"}
 
 
-def test_the_parts_of_the_loop_are_compared_between_its_points_of_zero_speed() -> None:
-    """With a ratio of 1.17 the points are at about 59° and 121°; a ratio of 0.9 has no loop and does not count."""
-    openers_deg = np.array([45.0, 60.0, 75.0, 90.0, 105.0, 150.0])
-    clean = np.array([[0.0, 1.0, 0.5, 0.25, 0.75, 0.0], [1.0] * 6])
-    made = release.ReleaseMap(
-        Ground.RIGID, np.array([1.17, 0.9]), openers_deg, clean, 1 - clean, (), default_table(Ground.RIGID)
+def counted(point: FallPoint, clean: int) -> VerdictCount:
+    return VerdictCount(point, Counter({FallVerdict.CLEAN: clean, FallVerdict.PUSHED: point.draws - clean}))
+
+
+def test_parts_of_the_loop_are_between_its_points_of_zero_speed() -> None:
+    """With a ratio of 1.17 the points are at about 59° and 121°."""
+    points = [each for each in windows.window_points(PLANTER, 5) if each.ratio == 1.17][:6]
+    assert [each.opener_deg for each in points] == pytest.approx([66.6, 74.4, 82.2, 97.8, 105.6, 113.4], abs=0.2)
+    assert {each.values for each in points} == {(("scatter.pitch_deg", 0.0),)}
+
+
+def test_better_part_of_the_loop_depends_on_ratio_and_pitch() -> None:
+    """The rising part is better at 1.10 without pitch, the falling part at 1.30 with 6°; elsewhere they are equal."""
+    counts = []
+    for point in windows.window_points(PLANTER, 40):
+        is_rising, pitch_deg = point.opener_deg > 90.0, dict(point.values)["scatter.pitch_deg"]
+        percent = 75
+        if (point.ratio, pitch_deg) in ((1.1, 0.0), (1.3, 6.0)):
+            percent = 95 if is_rising is (point.ratio == 1.1) else 55
+        counts.append(counted(point, point.draws * percent // 100))
+    loops, late = windows.windows_of(counts)
+    better = {(each.ratio, each.pitch_deg): each.better for each in loops}
+    assert better[1.1, 0.0] == "rising"
+    assert better[1.3, 6.0] == "falling"
+    assert list(better.values()).count("undecided") == 7
+    assert loops[0].rising == (342, 360)
+    texts = [part for part in windows.window_parts(loops, late) if isinstance(part, str)]
+    assert (
+        "The paper recommends the rising part of the loop. On rigid ground: depends on λ and on the pitch." in texts[1]
     )
-    text = release._comparison(PLANTER, made)
-    assert "50.0 % of the falls are clean for an opener on the rising part" in text
-    assert "75.0 % on the falling part" in text
-    assert "not confirmed" in text
+    assert "at 58 plants per minute is 75 % (59 to 87), at λ 0.85 and 120°: less than 90 %." in texts[3]
+    assert [len(each.points) for each in late] == [12] * 3
 
 
 def test_windows_are_uninterrupted_ranges() -> None:
@@ -161,9 +163,7 @@ def test_windows_are_uninterrupted_ranges() -> None:
 
 @pytest.fixture(scope="module")
 def lodging_report() -> Study:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lodging, "FIELD_SEEDLINGS", 10)
-        return lodging.lodging_study(PLANTER, RANGES, blocks=10, seedlings=6, seed=1, workers=1)
+    return lodging.lodging_study(PLANTER, RANGES, blocks=10, seedlings=6, seed=1, workers=1)
 
 
 @pytest.mark.nightly
@@ -176,8 +176,12 @@ def test_lodging_study_holds_runs_back_and_compares(lodging_report: Study, tmp_p
     assert fits["printed"]["observed"]["Y1"][3] == 2.25
     assert next(iter(fits["reconciled"]["lodging_by"])) == "mechanics"
     assert record["seedlings_per_run"] == 18
+    knowledge = record["knowledge"]
+    assert set(knowledge) == {"reconciled", "printed"}
+    for both in knowledge.values():
+        assert [len(both[response]["constants"]) for response in ("lodging", "injury")] == [3, 2]
     check = record["check"]
-    assert [each["seedlings"] for each in check["mechanics"]] == [6, 6, 6, 10, 10, 10]
+    assert [each["seedlings"] for each in check["mechanics"]] == [6, 6, 6]
     assert check["codes"][2] == pytest.approx(-1.455, abs=5e-4)
     text = lodging_report.text()
     assert str(lodging_report.parts[0]).startswith("What was fitted to what: ")
@@ -190,6 +194,7 @@ def test_lodging_study_holds_runs_back_and_compares(lodging_report: Study, tmp_p
             assert all(row[3] is not None and row[6] is None for row in others)
     for phrase in (
         "would crush 50 % of them",
+        "the model says nothing about the difference between bench and field",
         "neither the equations nor the fitted constants apply to plugs of pepper",
     ):
         assert phrase in text
@@ -228,11 +233,10 @@ def test_trials_by_the_equations_have_their_shares() -> None:
 
 
 @pytest.mark.nightly
-def test_verdicts_hold_in_at_least_90_percent_of_200_draws() -> None:
-    study = record_of(verdicts.verdict_study(PLANTER, RANGES, draws=60, seed=1))
-    for case, count in zip(verdicts.CASES, study["cases"], strict=True):
-        assert count["verdicts"][case.verdict.value] >= 0.9 * 200
-    (tipped,), (clean,) = study["switches"].values()
-    assert 0.90 < tipped < 0.94
-    assert 1.01 < clean < 1.04
-    assert count["verdicts"][FallVerdict.CLEAN.value] == 200
+@pytest.mark.timeout(900)
+def test_no_verdict_survives_all_ranges_and_pitches() -> None:
+    """The middle case, whose verdict has a limit on both sides, is the weakest."""
+    shares = robustness(VerdictSpace(PLANTER, RANGES), draws=100, seed=2)
+    by_case = {case: [each.share for each in shares if each.case is case] for case in CASES}
+    assert robust_up_to_deg([each for each in shares if each.case is CASES[1]]) is None
+    assert max(by_case[CASES[1]]) < 0.8

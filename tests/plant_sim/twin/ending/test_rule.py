@@ -71,10 +71,26 @@ def test_a_complete_machine_ends_the_trial_without_a_reason() -> None:
 
 @pytest.mark.parametrize(
     ("now_ms", "rest", "expected"),
-    [(0, None, MAX_MS), (6_000, REST, END_MS), (END_MS, REST, MAX_MS), (MAX_MS, REST, None)],
+    [
+        (0, None, 10_000),
+        (6_000, REST, 10_000),
+        (10_000, REST, END_MS),
+        (END_MS, REST, 20_000),
+        (MAX_MS - 1, None, MAX_MS),
+        (MAX_MS, REST, 70_000),
+    ],
 )
-def test_the_next_time_of_a_possible_end(now_ms: int, rest: Rest | None, expected: int | None) -> None:
-    assert RULE.next_ms(now_ms, rest) == expected
+def test_a_trial_that_only_the_machine_ends_is_looked_at_when_it_may_end(
+    now_ms: int, rest: Rest | None, expected: int
+) -> None:
+    assert RULE.next_look_ms(now_ms, rest, by_machine_only=True) == expected
+    assert EndingRule(None).next_look_ms(55_000, None, by_machine_only=True) == 60_000
+    assert EndingRule(57_500).next_look_ms(55_000, None, by_machine_only=True) == 57_500
+
+
+@pytest.mark.parametrize(("now_ms", "expected"), [(0, 100), (150, 200), (END_MS - 50, END_MS)])
+def test_any_other_trial_is_looked_at_every_tenth_of_a_second(now_ms: int, expected: int) -> None:
+    assert RULE.next_look_ms(now_ms, REST) == expected
 
 
 ALARM = AlarmEvent(1_000, 911, active=True, text="other words")

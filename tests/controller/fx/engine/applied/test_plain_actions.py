@@ -30,7 +30,7 @@ UnpairedPlc = FxPlc
 @st.composite
 def operands(draw: st.DrawFn, kinds: frozenset[str]) -> Operand:
     """Draw an operand without index; the devices of several operands often overlap."""
-    kind = draw(st.sampled_from(sorted(kinds - {"D.b"})))
+    kind = draw(st.sampled_from(sorted(kinds - {"D.b", "R"})))
     if kind in ("K", "H"):
         value = draw(VALUES)
         return Constant(abs(value) if kind == "H" else value, "H" if kind == "H" else "K")

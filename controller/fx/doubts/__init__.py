@@ -1,0 +1,1 @@
+"""Doubts about the results of a program, by pages of the manuals."""

@@ -1,0 +1,1 @@
+"""Judges of planted rows: targets and verdicts, area capacity, and the domain of the models."""
