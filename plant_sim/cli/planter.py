@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from controller.common.document.parts import Drawing
 from controller.common.errors import InputError
 from plant_sim.cli.options.planter import FIGURE_SPEEDS_KM_H, FREQUENCY_PER_MIN, REGIMES, SCHEME, SPEED_KM_H
 from plant_sim.cli.reproduce.origin import print_json, provenance_of
-from plant_sim.common.provenance.provenance import Provenance
+from plant_sim.common.picture_form import DPI
 from plant_sim.planter.fall_report import FallReport
 from plant_sim.planter.falls import stored_table, write_table
 from plant_sim.planter.motion import Motion
@@ -21,6 +23,9 @@ from plant_sim.planter.scatter import Ground, Ranges
 
 # Modules that require matplotlib, which takes a second to import, are imported only when a figure is drawn.
 
+
+Save = Callable[[Drawing, Path], None]
+"""Function that writes a figure to a file."""
 
 _KM_H = 3.6
 
@@ -50,7 +55,13 @@ def run(options: argparse.Namespace) -> int:
     release_deg = planter.chain.release_deg if options.release is None else options.release
     report = MotionReport(motion, release_deg, assumed_names(options.planter))
     if options.plot is not None:
-        _draw(report, planter, options.plot, options.figure, provenance)
+        from plant_sim.common.figure_style import save_as  # noqa: PLC0415
+        from plant_sim.planter.drawing.gif import write_comment  # noqa: PLC0415
+
+        save = partial(save_as, provenance=provenance, dpi=DPI if options.dpi is None else options.dpi)
+        _draw(report, planter, options.plot, options.figure, save)
+        if options.plot.suffix == ".gif":
+            write_comment(options.plot, provenance.text)
     stored = {ground: stored_table(planter, ranges, ground) for ground in Ground}
     tables = {ground: table for ground, table in stored.items() if table is not None}
     falls = FallReport(planter, motion, release_deg, tables)
@@ -66,8 +77,10 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError(f"--figure {options.figure}: has no effect without a file; add --plot FILE")
     if options.figure in FIGURE_SPEEDS_KM_H and (options.speed is not None or options.frequency is not None):
         raise InputError(f"--figure {options.figure}: its speed and frequency are fixed; omit --speed and --frequency")
-    if options.plot is not None and options.plot.suffix not in (".png", ".svg", ".gif"):
-        raise InputError(f"--plot {options.plot}: unknown format; use a name that ends in .png, .svg or .gif")
+    if options.plot is not None and options.plot.suffix not in (".png", ".svg", ".pdf", ".gif"):
+        raise InputError(f"--plot {options.plot}: unknown format; use a name that ends in .png, .svg, .pdf or .gif")
+    if options.dpi is not None and (options.plot is None or options.plot.suffix != ".png"):
+        raise InputError(f"--dpi {options.dpi}: has no effect without a PNG file; add --plot FILE.png or omit it")
 
 
 def _write_falls(planter: Planter, ranges: Ranges, folder: Path) -> None:
@@ -87,11 +100,10 @@ def _print_progress(ground: Ground, done: int, total: int) -> None:
     sys.stderr.flush()
 
 
-def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None, provenance: Provenance) -> None:
-    """Draw a figure of the paper, or the motion of the report if `figure` is None."""
-    from plant_sim.common.figure_style import drawing, save_as  # noqa: PLC0415
+def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None, save: Save) -> None:
+    """Draw a figure of the paper, or the motion of the report if `figure` is None; `save` writes all but a GIF."""
+    from plant_sim.common.figure_style import drawing  # noqa: PLC0415
     from plant_sim.planter.drawing import animation  # noqa: PLC0415
-    from plant_sim.planter.drawing.gif import write_comment  # noqa: PLC0415
     from plant_sim.planter.drawing.paths import motion_figure, regimes_figure  # noqa: PLC0415
     from plant_sim.planter.drawing.scheme import Scheme  # noqa: PLC0415
 
@@ -104,26 +116,23 @@ def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None
     )
     with drawing():
         if figure in FIGURE_SPEEDS_KM_H:
-            _draw_process(report, planter, path, title, provenance)
+            _draw_process(report, planter, path, title, save)
         elif figure == SCHEME and is_gif:
             animation.write_scheme_animation(chain, path, model=model)
         elif figure == SCHEME:
-            save_as(Scheme(chain, model).figure, path, provenance)
+            save(Scheme(chain, model).figure, path)
         elif figure == REGIMES and is_gif:
             animation.write_regimes_animation(chain, path, frequency_per_min=frequency_per_min, model=model)
         elif figure == REGIMES:
-            save_as(regimes_figure(chain, frequency_per_min=frequency_per_min, model=model), path, provenance)
+            save(regimes_figure(chain, frequency_per_min=frequency_per_min, model=model), path)
         elif is_gif:
             animation.write_animation(motion, path, title=title)
         else:
-            save_as(motion_figure(motion, title=title), path, provenance)
-    if is_gif:
-        write_comment(path, provenance.text)
+            save(motion_figure(motion, title=title), path)
 
 
-def _draw_process(report: MotionReport, planter: Planter, path: Path, title: str, provenance: Provenance) -> None:
+def _draw_process(report: MotionReport, planter: Planter, path: Path, title: str, save: Save) -> None:
     """Draw the simulated fall of a block onto rigid ground."""
-    from plant_sim.common.figure_style import save_as  # noqa: PLC0415
     from plant_sim.planter.contact import FallFrame, drop  # noqa: PLC0415
     from plant_sim.planter.drawing.process import process_figure, write_process  # noqa: PLC0415
 
@@ -132,4 +141,4 @@ def _draw_process(report: MotionReport, planter: Planter, path: Path, title: str
     if path.suffix == ".gif":
         write_process(frames, planter, path, title=title)
     else:
-        save_as(process_figure(frames, planter, title=title), path, provenance)
+        save(process_figure(frames, planter, title=title), path)

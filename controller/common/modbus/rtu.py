@@ -15,6 +15,7 @@ from pymodbus.framer import FramerRTU
 from controller.common.connections import LateAnswer, begun
 from controller.common.errors import InputError
 from controller.common.modbus.requests import ModbusDevice, answer
+from controller.common.modbus.returned_answer import ReturnedAnswers
 from controller.common.serial_server import SerialServer, open_port
 
 GAP_S: Final = 0.05
@@ -111,13 +112,15 @@ class RtuServer(SerialServer):
         self._device = device
         self._models_wire = models_wire
         self._buffer = bytearray()
+        self._returned = ReturnedAnswers(line.path, self._is_request)
 
     def _open(self) -> Any:
         return self._line.open()
 
     def _feed(self, data: bytes) -> None:
         self._buffer += data
-        self._process_buffer()
+        if self._returned.remove(self._buffer, self._loop.time()):
+            self._process_buffer()
 
     @property
     def _is_waiting(self) -> bool:
@@ -126,11 +129,12 @@ class RtuServer(SerialServer):
     def _discard_incomplete(self) -> None:
         """Treat an incomplete request as noise and process the bytes after it."""
         while self._buffer and self._late is None:
-            del self._buffer[0]
+            self._skip()
             self._process_buffer()
 
     def _on_disconnect(self) -> None:
         self._buffer.clear()
+        self._returned.forget()
         self._device.on_disconnect()
 
     def _process_buffer(self) -> None:
@@ -139,15 +143,28 @@ class RtuServer(SerialServer):
         while buffer and self._late is None:
             length = request_length(buffer)
             if buffer[0] not in (self._line.unit, BROADCAST) or (length or 0) > LONGEST_FRAME:
-                del buffer[0]
+                self._skip()
             elif length is None or len(buffer) < length:
                 return
             elif is_checksum_valid(buffer[:length]):
                 frame = bytes(buffer[:length])
                 del buffer[:length]
+                self._returned.request_served()
                 self._serve(frame)
             else:
-                del buffer[0]
+                self._skip()
+
+    def _skip(self) -> None:
+        """Skip a byte that does not begin a request."""
+        del self._buffer[0]
+        self._returned.noise_received()
+
+    def _is_request(self, frame: bytes) -> bool:
+        return request_length(frame) == len(frame) and frame[0] == self._line.unit
+
+    def _send(self, data: bytes) -> None:
+        super()._send(data)
+        self._returned.sent(data, self._loop.time() + self._line.wire_s(len(data)))
 
     def _serve(self, frame: bytes) -> None:
         if self._models_wire:

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from controller.common.arguments.number_type import number
+from controller.common.arguments.number_type import integer, number
 from plant_sim.common.defaults import DEFAULT_PLANTER
+from plant_sim.common.picture_form import DPI, LEAST_DPI, MOST_DPI
 from plant_sim.planter.motion_model import MotionModel
 
 SPEED_KM_H: Final = 1.4
@@ -51,7 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=MotionModel.RIGID.value,
         help="equations as printed, equations with corrections, or a planter that only translates",
     )
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw to FILE.png, FILE.svg or FILE.gif")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw to FILE.png, FILE.svg, FILE.pdf or FILE.gif")
+    parser.add_argument(
+        "--dpi",
+        type=integer(LEAST_DPI, MOST_DPI),
+        metavar="N",
+        help=f"with --plot FILE.png: resolution, dots per inch (default: {DPI})",
+    )
     parser.add_argument(
         "--figure",
         type=int,

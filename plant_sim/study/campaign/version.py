@@ -33,6 +33,7 @@ _SOURCES: Final[Mapping[Path, tuple[str, ...]]] = {
         "pneumatics/*.py",
         "study/campaign/record.py",
         "twin/*.py",
+        "twin/debug/run_recorder.py",
         "twin/ending/*.py",
     ),
 }

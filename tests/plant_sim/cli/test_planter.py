@@ -76,6 +76,7 @@ def test_frequency_release_and_parameters_are_used(tmp_path: Path, capsys: pytes
         [
             (["--plot", "motion.png"], b"\x89PNG"),
             (["--plot", "motion.svg"], b"<?xml"),
+            (["--plot", "motion.pdf"], b"%PDF"),
             (["--figure", "3", "--plot", "scheme.png"], b"\x89PNG"),
             (["--figure", "4", "--plot", "paths.svg", "--model", "corrected"], b"<?xml"),
             (["--figure", "9", "--plot", "motion.gif"], b"GIF89a"),
@@ -145,7 +146,12 @@ def test_the_tables_of_the_guide_are_those_of_the_command(capsys: pytest.Capture
             ["--figure", "7", "--plot", "a.png", "--speed", "2"],
             "--figure 7: its speed and frequency are fixed; omit --speed",
         ),
-        (["--plot", "a.pdf"], "--plot a.pdf: unknown format; use a name that ends in .png, .svg or .gif"),
+        (["--plot", "a.jpg"], "--plot a.jpg: unknown format; use a name that ends in .png, .svg, .pdf or .gif"),
+        (
+            ["--plot", "a.svg", "--dpi", "300"],
+            "--dpi 300: has no effect without a PNG file; add --plot FILE.png or omit it",
+        ),
+        (["--dpi", "300"], "--dpi 300: has no effect without a PNG file; add --plot FILE.png or omit it"),
         (["--plot", "/no/such/folder/a.png"], "/no/such/folder/a.png: cannot be written (No such file"),
         (["--plot", "/no/such/folder/a.gif"], "/no/such/folder/a.gif: cannot be written (No such file"),
         (["--planter", "/no/such/planter.yaml"], "/no/such/planter.yaml: cannot be read"),

@@ -139,14 +139,18 @@ class PanelListener(socket.socket):
         slot.active_ms = self._clock.now_ms()
 
     async def watch(self) -> None:
-        """Close the connections whose request does not arrive in time, until cancelled."""
+        """Look for unfinished requests until cancelled."""
         while True:
             await asyncio.sleep(CHECK_S)
-            self._free_closed()
-            limit_ms = self._clock.now_ms() - self._request_ms
-            for _, slot in self._connections.values():
-                if not slot.running and slot.active_ms <= limit_ms:
-                    slot.close()
+            self.look()
+
+    def look(self) -> None:
+        """Close the connections whose request does not arrive in time."""
+        self._free_closed()
+        limit_ms = self._clock.now_ms() - self._request_ms
+        for _, slot in self._connections.values():
+            if not slot.running and slot.active_ms <= limit_ms:
+                slot.close()
 
     def _free_closed(self) -> None:
         for peer, (connection, slot) in tuple(self._connections.items()):
