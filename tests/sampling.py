@@ -55,5 +55,9 @@ def examples(count: int, nightly: int, **others: Any) -> Callable[[Function], Fu
 
 
 def _parameter(value: object, number: int, nightly: int | None) -> ParameterSet:
-    marks = () if number == 0 else pytest.mark.nightly if nightly is None or number <= nightly else pytest.mark.weekly
-    return pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=marks)
+    values = value if isinstance(value, tuple) else (value,)
+    each = value if isinstance(value, ParameterSet) else pytest.param(*values)
+    if number == 0:
+        return each
+    mark = pytest.mark.nightly if nightly is None or number <= nightly else pytest.mark.weekly
+    return each._replace(marks=(*each.marks, mark))

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from controller.common.document.parts import Drawing
 from controller.common.errors import InputError
 from plant_sim.common.picture_form import DPI, PictureForm
+from plant_sim.common.proportion import Proportion
 from plant_sim.common.provenance.provenance import KEY, Provenance
 from plant_sim.common.whole_file import write_whole
 
@@ -67,6 +70,26 @@ _HYPHEN_MINUS: Final = re.compile(r"(?<![\w.,)-])-(?=\.?\d)|(?<=\de)-(?=\d)")
 
 class FigureError(InputError):
     """A figure cannot be written; the one-line message states the file, the problem and the remedy."""
+
+
+def draw_proportions(
+    axes: Axes, positions: Sequence[float], proportions: Sequence[Proportion], *, fmt: str, color: str, **style: Any
+) -> None:
+    """Draw proportions in percent over positions, with bars that show their exact 95 % intervals.
+
+    Args:
+        axes: Axes of a figure.
+        positions: Positions on the axis of abscissae.
+        proportions: Proportion at each position.
+        fmt: Marker and line, as in `Axes.errorbar`.
+        color: Colour.
+        **style: Further properties of `Axes.errorbar`.
+    """
+    percent = [each.percent for each in proportions]
+    bars = np.array([each.interval_percent for each in proportions]).T - percent
+    axes.errorbar(
+        positions, percent, np.maximum(0.0, bars * [[-1], [1]]), fmt=fmt, color=color, elinewidth=0.6, **style
+    )
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import math
 import random
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -232,7 +233,7 @@ class YieldSensor:
         self.sensor.late_s = delay_s
         self.state = state
         self.params = params
-        self._draws = [random.Random(f"{name} {number}").random() for number in range(_READINGS)]
+        self._name = name
 
     @property
     def wrong(self) -> float:
@@ -241,7 +242,12 @@ class YieldSensor:
 
     @wrong.setter
     def wrong(self, share: float) -> None:
-        self.params["wrong"] = [draw < share for draw in self._draws]
+        self.params["wrong"] = [draw < share for draw in self._draws] if share > 0.0 else False
+
+    @cached_property
+    def _draws(self) -> list[float]:
+        """Number from 0 to 1 for each reading, which is wrong if the fraction is larger."""
+        return [random.Random(f"{self._name} {number}").random() for number in range(_READINGS)]
 
 
 class ClawPressureSwitch(YieldSensor):

@@ -155,7 +155,7 @@ def handover_band(line: LineFile, *, seed: int) -> HandoverBand | None:
     beside = [(low_m_s, 1 + _BESIDE), (low_m_s, 1 - _BESIDE), (high_m_s, 1 - _BESIDE), (high_m_s, 1 + _BESIDE)]
     rng = np.random.default_rng([seed, _CHECK_STREAM])
     checks = tuple(
-        _checked(line, end_m_s * factor, is_inside=number in (0, 2), rng=rng)
+        _checked(line, chute, end_m_s * factor, is_inside=number in (0, 2), rng=rng)
         for number, (end_m_s, factor) in enumerate(beside)
         if 0.0 < end_m_s < math.inf
     )
@@ -186,9 +186,10 @@ def _slip(line: LineFile) -> tuple[float, float]:
     return (0.0, 0.0) if slip is None or line.drive.lag is not None else (slip.mean, slip.sd)
 
 
-def _checked(line: LineFile, speed_m_s: float, *, is_inside: bool, rng: np.random.Generator) -> CheckedSpeed:
+def _checked(
+    line: LineFile, chute: ChuteEntry, speed_m_s: float, *, is_inside: bool, rng: np.random.Generator
+) -> CheckedSpeed:
     """Return a run of the chute at a constant speed, with the slip of the ground."""
-    assert line.chute is not None  # noqa: S101 - the caller has checked it
     acceleration_m_s2 = line.ground.acceleration
     starting_m = speed_m_s**2 / (2 * acceleration_m_s2) + 10 * (line.drive.lag or 0.0) * speed_m_s
     first_cycle = _STARTING_CYCLES + math.ceil(starting_m / line.spacing)
@@ -198,5 +199,5 @@ def _checked(line: LineFile, speed_m_s: float, *, is_inside: bool, rng: np.rando
     course = Course(profile, drive_of(line, profile, rng), length_m)
     ones = np.ones(_CHECKED_CUPS, dtype=np.int64)
     fed = FedRow(ones, np.zeros_like(ones), first_cycle)
-    dropped = drop_through_chute(line.chute, fed, course, phase_cycles=phase_cycles(line), rng=rng)
+    dropped = drop_through_chute(chute, fed, course, phase_cycles=phase_cycles(line), rng=rng)
     return CheckedSpeed(speed_m_s, is_inside, dropped.lost, int(dropped.arrivals.sum()))

@@ -11,53 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
+from plant_sim.common.proportion import Proportion
 from plant_sim.line.ground import Floats
 from plant_sim.line.row import CAUSES, PlantRow
 from plant_sim.planter.verdict import Stand
-from plant_sim.twin.report import binomial_interval
 
 MULTIPLE_BELOW: Final = 0.5
 """Upper limit of a multiple, in units of the set spacing. Source: Kachman and Smith (1995), after ISO 7256-1."""
 MISS_ABOVE: Final = 1.5
 """Largest spacing that is not a miss, in units of the set spacing. Source: as for `MULTIPLE_BELOW`."""
-
-
-class Rate(NamedTuple):
-    """Observed proportion.
-
-    Attributes:
-        hits: Number of hits.
-        draws: Number of draws.
-    """
-
-    hits: int
-    draws: int
-
-    @property
-    def percent(self) -> float:
-        """Proportion, percent; NaN without draws."""
-        return 100 * self.hits / self.draws if self.draws else float("nan")
-
-    @property
-    def interval_percent(self) -> tuple[float, float]:
-        """Exact binomial 95 % confidence interval, percent."""
-        low, high = binomial_interval(self.hits, self.draws)
-        return 100 * low, 100 * high
-
-    def record(self) -> dict[str, object]:
-        """Return the rate as a JSON object."""
-        low, high = self.interval_percent
-        percent = self.percent if self.draws else None
-        return {"hits": self.hits, "of": self.draws, "percent": percent, "low": low, "high": high}
-
-    def text(self) -> str:
-        """Return the rate and its interval as text."""
-        low, high = self.interval_percent
-        return f"{self.percent:.1f} % ({low:.1f} to {high:.1f})" if self.draws else "none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +46,9 @@ class SpacingIndices:
     mean_m: float
     sd_m: float
     regular_mean_m: float
-    multiple: Rate
-    quality: Rate
-    miss: Rate
+    multiple: Proportion
+    quality: Proportion
+    miss: Proportion
     precision: float
 
     @property
@@ -112,14 +78,14 @@ def spacing_indices(rows_m: Sequence[Floats], set_m: float) -> SpacingIndices:
         mean_m=float(spacings_m.mean()) if number else float("nan"),
         sd_m=_sd(spacings_m),
         regular_mean_m=float(regular_m.mean()) if len(regular_m) else float("nan"),
-        multiple=Rate(int(np.count_nonzero(is_multiple)), number),
-        quality=Rate(len(regular_m), number),
-        miss=Rate(int(np.count_nonzero(is_miss)), number),
+        multiple=Proportion(int(np.count_nonzero(is_multiple)), number),
+        quality=Proportion(len(regular_m), number),
+        miss=Proportion(int(np.count_nonzero(is_miss)), number),
         precision=_sd(regular_m) / set_m,
     )
 
 
-def planting_rates(rows: Sequence[PlantRow]) -> dict[str, Rate]:
+def planting_rates(rows: Sequence[PlantRow]) -> dict[str, Proportion]:
     """Return the rates of all rows.
 
     A qualified position has a single plant that is upright, not scraped and not injured. Qualified, missed and double
@@ -130,13 +96,13 @@ def planting_rates(rows: Sequence[PlantRow]) -> dict[str, Rate]:
     planted = sum(int(np.count_nonzero(row.planted)) for row in rows)
     lodged = sum(int(np.count_nonzero(row.stand == Stand.LODGED)) for row in rows)
     rates = {
-        "qualified": Rate(sum(map(_qualified, rows)), released),
-        "missed": Rate(released - planted, released),
-        "double": Rate(sum(row.double for row in rows), released),
-        "lodged": Rate(lodged, planted),
+        "qualified": Proportion(sum(map(_qualified, rows)), released),
+        "missed": Proportion(released - planted, released),
+        "double": Proportion(sum(row.double for row in rows), released),
+        "lodged": Proportion(lodged, planted),
     }
     flags = [row.injured for row in rows if row.injured is not None]
-    return rates | ({"injured": Rate(sum(int(each.sum()) for each in flags), planted)} if flags else {})
+    return rates | ({"injured": Proportion(sum(int(each.sum()) for each in flags), planted)} if flags else {})
 
 
 def _qualified(row: PlantRow) -> int:

@@ -10,11 +10,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from plant_sim.common.proportion import Proportion
 from plant_sim.line.handover import HandoverBand
 from plant_sim.line.indices import (
     MISS_ABOVE,
     MULTIPLE_BELOW,
-    Rate,
     SpacingIndices,
     missing_by_cause,
     planting_rates,
@@ -87,7 +87,7 @@ class LineResult:
         return spacing_indices([row.plants_m for row in self.rows], self.spacing_m)
 
     @cached_property
-    def rates(self) -> dict[str, Rate]:
+    def rates(self) -> dict[str, Proportion]:
         """Rates of all rows."""
         return planting_rates(self.rows)
 
@@ -131,12 +131,12 @@ class LineResult:
         return (float(ratios.min()), float(ratios.max())) if not np.isnan(ratios).any() else None
 
     @property
-    def scraped(self) -> Rate | None:
+    def scraped(self) -> Proportion | None:
         """Share of the plants that the guide plate has touched on the ground; None without a chain planter."""
         if self.ratios is None:
             return None
         planted = sum(int(np.count_nonzero(row.planted)) for row in self.rows)
-        return Rate(sum(int(np.count_nonzero(row.scraped)) for row in self.rows), planted)
+        return Proportion(sum(int(np.count_nonzero(row.scraped)) for row in self.rows), planted)
 
     @property
     def extrapolated(self) -> int:
@@ -155,11 +155,11 @@ class LineResult:
         return 2 * float(np.quantile(np.abs(phase), _NEEDED_QUANTILE)) if len(phase) else None
 
     @property
-    def handovers(self) -> dict[TractorMotion, Rate]:
+    def handovers(self) -> dict[TractorMotion, Proportion]:
         """Share of the plugs lost at the handover, by the motion of the tractor; empty without chutes."""
         counts = [count for row in self.rows for count in row.handovers]
         return {
-            motion: Rate(
+            motion: Proportion(
                 sum(count.lost for count in counts if count.tractor is motion),
                 sum(count.seedlings for count in counts if count.tractor is motion),
             )
@@ -287,11 +287,11 @@ class LineResult:
             f"plugs lost at the handover: {counts}",
         ]
 
-    def _beyond_band(self, band: HandoverBand) -> Rate:
+    def _beyond_band(self, band: HandoverBand) -> Proportion:
         """Return the share of the releases at a speed at which the handover does not hold."""
         speed_m_s = np.concatenate([row.speed_m_s for row in self.rows])
         holds = (speed_m_s >= band.low_m_s) & (speed_m_s <= band.high_m_s)
-        return Rate(int(np.count_nonzero(~holds)), len(speed_m_s))
+        return Proportion(int(np.count_nonzero(~holds)), len(speed_m_s))
 
     def _handover_record(self, band: HandoverBand) -> dict[str, object]:
         return band.record() | {

@@ -23,6 +23,9 @@ class CompiledRun:
     """Execution of complete ticks of one runtime and one plant in machine code.
 
     The result is the same as that of `Runtime.tick` and `IoModule.advance` in turn.
+
+    Attributes:
+        is_watched: True if the devices and triggers of the last call of `watch` are those of the twin.
     """
 
     def __init__(self, runtime: Runtime, module: IoModule, execution: MachineExecution, *, scan_ms: int) -> None:
@@ -51,6 +54,7 @@ class CompiledRun:
         self._memory_at, self._state_at = execution.region_address, plant.state.ctypes.data
         control["inputs_at"], control["outputs_at"] = layout.bit("X", 0), layout.bit("Y", 0)
         self._inputs = np.zeros(len(plant.terminals.levels), INPUT)
+        self.is_watched = False
         self._watched = np.zeros(0, WATCHED)
         self._triggers: list[Trigger] = []
         self._trigger_calls: list[tuple[Callable[..., int], int]] = []
@@ -83,6 +87,7 @@ class CompiledRun:
 
     def watch(self, devices: Iterable[Bit | Word], triggers: Iterable[Trigger]) -> None:
         """Set the devices whose changes, and the triggers whose beginnings are reported."""
+        self.is_watched = True
         places = sorted({place for device in devices for place in _bytes_of(device, self._layout)})
         self._watched = np.zeros(len(places), WATCHED)
         self._watched["at"] = places

@@ -15,6 +15,7 @@ from controller.common.modbus.io_map import Point
 from controller.core.expr import Bit, Expr, all_of, any_of
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
 from controller.program.tags import SIDES
+from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import ArmPlant, Event
 from plant_sim.twin.conditions import Advances, Quantity
@@ -132,14 +133,18 @@ def every_seedling_somewhere(twin: Twin) -> Iterator[SafetyRule]:
     """Require that every seedling is at exactly one location."""
     total = twin.plant.counts().total
 
-    def accounted() -> int:
-        c = twin.plant.counts()
-        return c.in_tray + c.in_claw + c.in_cups + c.P + c.D + c.T
+    def accounted(counts: SeedlingCounts) -> int:
+        return counts.in_tray + counts.in_claw + counts.in_cups + counts.P + counts.D + counts.T
+
+    def violated() -> bool:
+        counts = twin.plant.counts()
+        return not accounted(counts) == counts.total == total
 
     def text() -> str:
-        return f"{accounted()} of {total} seedlings accounted for: {twin.plant.counts()}"
+        counts = twin.plant.counts()
+        return f"{accounted(counts)} of {total} seedlings accounted for: {counts}"
 
-    yield SafetyRule(lambda: not accounted() == twin.plant.counts().total == total, text)
+    yield SafetyRule(violated, text)
 
 
 MONITORS: tuple[Monitor, ...] = (

@@ -8,32 +8,11 @@ from dataclasses import asdict, dataclass
 from statistics import fmean
 from typing import Any, Final
 
+from plant_sim.common.proportion import Proportion
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.twin.ending.reported import alarm_name
 
 EXTRAPOLATES: Final = "crop settings outside the trials of the paper: extrapolated"
-CONFIDENCE: Final = 0.95
-
-
-def binomial_interval(hits: int, draws: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the exact (Clopper-Pearson) confidence interval of a proportion, 0 to 1.
-
-    Args:
-        hits: Number of hits.
-        draws: Number of draws; 0 gives the interval 0 to 1.
-        confidence: Confidence level, 0 to 1.
-
-    >>> [round(end, 4) for end in binomial_interval(136, 144)]
-    [0.8935, 0.9757]
-    """
-    from scipy.special import betaincinv  # noqa: PLC0415 - importing it would delay every start of the plant
-
-    if draws == 0:
-        return 0.0, 1.0
-    tail = (1 - confidence) / 2
-    low = 0.0 if hits == 0 else float(betaincinv(hits, draws - hits + 1, tail))
-    high = 1.0 if hits == draws else float(betaincinv(hits + 1, draws - hits, 1 - tail))
-    return low, high
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,8 +256,7 @@ def make_report(
 def success_intervals(in_cups: int, P: int, D: int, T: int, *, seedlings: int) -> dict[str, tuple[float, float]]:  # noqa: N803
     """Return the confidence intervals of S, F_p, F_d and F_t, percent; arguments as in `TrialReport`."""
     counts = {"S": in_cups, "F_p": P, "F_d": D, "F_t": T}
-    ends = {name: binomial_interval(count, seedlings) for name, count in counts.items()}
-    return {name: (100 * low, 100 * high) for name, (low, high) in ends.items()}
+    return {name: Proportion(count, seedlings).interval_percent for name, count in counts.items()}
 
 
 def _percent(count: int, total: int) -> float:

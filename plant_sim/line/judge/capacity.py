@@ -76,8 +76,8 @@ def area_capacity(work: WorkEntry, run: LineRun, machine: Machine, *, metres: fl
     if not planting_s or not plants:
         return None
     width_m = len(rows) * work.row_spacing
-    planting_s *= work.row_length / metres
     of_row = work.row_length / metres
+    planting_s *= of_row
     reloading_s = work.reload * of_row * sum(row.released for row in rows) / work.load
     whole_s = planting_s + work.turn + reloading_s
     air_l = None if run.air_l_min is None else run.air_l_min * planting_s / 60 / (plants * of_row) * 1000

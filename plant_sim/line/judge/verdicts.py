@@ -11,9 +11,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
+from plant_sim.common.proportion import Proportion
 from plant_sim.common.units import Bounds
 from plant_sim.line.ground import Floats
-from plant_sim.line.indices import Rate, planting_rates, spacing_indices
+from plant_sim.line.indices import planting_rates, spacing_indices
 from plant_sim.line.judge.targets import RowCriterion, RowTargets
 from plant_sim.line.row import PlantRow
 from plant_sim.planter.verdict import Stand
@@ -21,7 +22,7 @@ from plant_sim.planter.verdict import Stand
 _UPPER: Final = 0.975
 """Quantile of Student's t distribution for a 95 % interval."""
 
-Values = Mapping[RowCriterion, Rate | float]
+Values = Mapping[RowCriterion, Proportion | float]
 """Counted shares and measured values: lengths in m, and coefficients of variation."""
 
 
@@ -159,10 +160,10 @@ def pass_values(
     """
     planted = sum(int(np.count_nonzero(row.planted)) for row in rows)
     indices = spacing_indices([row.plants_m for row in rows], spacing_m)
-    values: dict[RowCriterion, Rate | float] = {
+    values: dict[RowCriterion, Proportion | float] = {
         **{RowCriterion(name): rate for name, rate in planting_rates(rows).items()},
-        RowCriterion.UPRIGHT: Rate(_count(rows, Stand.UPRIGHT), planted),
-        RowCriterion.TILTED: Rate(_count(rows, Stand.TILTED), planted),
+        RowCriterion.UPRIGHT: Proportion(_count(rows, Stand.UPRIGHT), planted),
+        RowCriterion.TILTED: Proportion(_count(rows, Stand.TILTED), planted),
         RowCriterion.SPACING_MEAN: indices.regular_mean_m,
         RowCriterion.SPACING_CV: indices.precision,
         RowCriterion.SPACING_QUALITY: indices.quality,
@@ -170,12 +171,12 @@ def pass_values(
     handovers = [count for row in rows for count in row.handovers]
     if handovers:
         arrivals = sum(count.seedlings for count in handovers)
-        values[RowCriterion.HANDOVER] = Rate(sum(count.lost for count in handovers), arrivals)
+        values[RowCriterion.HANDOVER] = Proportion(sum(count.lost for count in handovers), arrivals)
     depths_m = np.concatenate([row.depth_m[row.planted] for row in rows])
     values |= _depth(depths_m, targets.depth_m)
     if clearance_m is None:
         return PassValues(values, {})
-    values[RowCriterion.SCRAPED] = Rate(sum(int(np.count_nonzero(row.scraped)) for row in rows), planted)
+    values[RowCriterion.SCRAPED] = Proportion(sum(int(np.count_nonzero(row.scraped)) for row in rows), planted)
     return PassValues(values, _depth(depths_m - clearance_m, targets.depth_m))
 
 
@@ -218,14 +219,14 @@ def _verdict(interval: tuple[float, float] | None, bounds: Bounds) -> RowVerdict
     return RowVerdict.FAIL if high < bounds.low or low > bounds.high else RowVerdict.UNDECIDED
 
 
-def _estimate(observed: Sequence[Rate | float]) -> tuple[float, tuple[float, float] | None]:
+def _estimate(observed: Sequence[Proportion | float]) -> tuple[float, tuple[float, float] | None]:
     """Return the value of several passes and its 95 % interval, None for a single pass; NaN without observations."""
-    rates = [each for each in observed if isinstance(each, Rate)]
-    numbers = [each.percent / 100 if isinstance(each, Rate) else each for each in observed]
+    rates = [each for each in observed if isinstance(each, Proportion)]
+    numbers = [each.percent / 100 if isinstance(each, Proportion) else each for each in observed]
     numbers = [each for each in numbers if not math.isnan(each)]
     if not numbers:
         return math.nan, None
-    pooled = Rate(sum(each.hits for each in rates), sum(each.draws for each in rates))
+    pooled = Proportion(sum(each.hits for each in rates), sum(each.draws for each in rates))
     value = pooled.percent / 100 if rates else float(np.mean(numbers))
     number = len(numbers)
     if number == 1:
@@ -242,7 +243,7 @@ def _count(rows: Sequence[PlantRow], stand: Stand) -> int:
     return sum(int(np.count_nonzero(row.stand == stand)) for row in rows)
 
 
-def _depth(depths_m: Floats, bounds_m: Bounds) -> dict[RowCriterion, Rate | float]:
+def _depth(depths_m: Floats, bounds_m: Bounds) -> dict[RowCriterion, Proportion | float]:
     """Return mean, coefficient of variation and qualified rate of depths."""
     number = len(depths_m)
     mean_m = float(depths_m.mean()) if number else math.nan
@@ -251,5 +252,5 @@ def _depth(depths_m: Floats, bounds_m: Bounds) -> dict[RowCriterion, Rate | floa
     return {
         RowCriterion.DEPTH_MEAN: mean_m,
         RowCriterion.DEPTH_CV: sd_m / mean_m if mean_m > 0.0 else math.nan,
-        RowCriterion.DEPTH_QUALIFIED: Rate(qualified, number),
+        RowCriterion.DEPTH_QUALIFIED: Proportion(qualified, number),
     }

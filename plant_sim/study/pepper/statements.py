@@ -14,8 +14,8 @@ from typing import Final, Literal
 
 from statsmodels.stats.proportion import confint_proportions_2indep
 
+from plant_sim.common.proportion import CONFIDENCE, binomial_interval
 from plant_sim.twin.repeats import Pool
-from plant_sim.twin.report import CONFIDENCE, binomial_interval
 
 Verdict = Literal["yes", "no", "undecided"]
 Levels = tuple[int, ...]

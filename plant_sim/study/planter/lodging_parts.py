@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.common.figure_style import COLOURS, QUIET, drawing
+from plant_sim.common.proportion import Proportion
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.quality import STATED_CODE, codes, injury_share, lodging_share
@@ -20,7 +21,6 @@ from plant_sim.study.paper_tables import cabbage_experiment, cabbage_settings
 from plant_sim.study.planter.lodging_fit import LodgingConstants, Predictor, Values, rms
 from plant_sim.study.planter.lodging_model import LodgingModel
 from plant_sim.study.planter.lodging_trials import OptimumCheck, SeedlingCount, pooled
-from plant_sim.twin.report import binomial_interval
 
 RUN_SEEDLINGS: Final = (120, 360, 2200)
 """Numbers of seedlings per run for which the effect is reported."""
@@ -113,12 +113,12 @@ def seedling_parts(model: LodgingModel, run_seedlings: int) -> list[Part]:
     mechanics, printed = model.lodging_by[0], model.lodging_by[-1]
     rows: list[tuple[Cell, ...]] = []
     for seedlings in sorted({*RUN_SEEDLINGS, run_seedlings}):
-        low, high = binomial_interval(round(mean * seedlings), seedlings)
+        low, high = Proportion(round(mean * seedlings), seedlings).interval_percent
         spread = 100 * np.sqrt(mean * (1 - mean) / seedlings)
         fitted, held = (_chi_square(mechanics, model, seedlings, runs) for runs in (model.fitted, ~model.fitted))
         by_equation = _chi_square(printed, model, seedlings, ~model.fitted)
         p_held = float(chi2.sf(held, int((~model.fitted).sum())))
-        rows.append((seedlings, float(spread), 100 * low, 100 * high, fitted, held, p_held, by_equation))
+        rows.append((seedlings, float(spread), low, high, fitted, held, p_held, by_equation))
     heading = (
         "seedlings per run",
         "binomial SD, points",
@@ -278,8 +278,7 @@ def _expected_row(source: str, lodging: float, injury: float) -> tuple[Cell, ...
 def _paper_row(source: str, responses: Mapping[str, float], seedlings: int) -> tuple[Cell, ...]:
     cells: list[Cell] = [source, seedlings]
     for name in ("Y1", "Y2"):
-        low, high = binomial_interval(round(responses[name] / 100 * seedlings), seedlings)
-        cells += [responses[name], 100 * low, 100 * high]
+        cells += [responses[name], *Proportion(round(responses[name] / 100 * seedlings), seedlings).interval_percent]
     return tuple(cells)
 
 

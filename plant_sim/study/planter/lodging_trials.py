@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from plant_sim.common.proportion import Proportion
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.quality import injury_share, lodging_share
@@ -16,7 +17,6 @@ from plant_sim.planter.scatter import Ground, Ranges, draw
 from plant_sim.planter.verdict import LODGED_DEG
 from plant_sim.study.engines import Progress, spread
 from plant_sim.study.runner import trial_seed
-from plant_sim.twin.report import binomial_interval
 
 _KM_H = 3.6
 
@@ -50,11 +50,8 @@ class SeedlingCount(NamedTuple):
 
     def percent(self) -> tuple[float, float, float, float, float, float]:
         """Return lodging and the limits of its exact 95 % interval, then the same for injury, %."""
-        lodging, injury = (
-            (hits / self.seedlings, *binomial_interval(hits, self.seedlings)) for hits in (self.lodged, self.injured)
-        )
-        a, b, c, d, e, f = (100 * value for value in (*lodging, *injury))
-        return a, b, c, d, e, f
+        lodging, injury = (Proportion(hits, self.seedlings) for hits in (self.lodged, self.injured))
+        return lodging.percent, *lodging.interval_percent, injury.percent, *injury.interval_percent
 
 
 @dataclass(frozen=True)

@@ -221,7 +221,8 @@ def _sample_parts(maps: list[ReleaseMap], draws: int) -> list[Part]:
     sentences = []
     for each in maps:
         pairs = [
-            (*each.expected(count), count.share(FallVerdict.CLEAN), count.share(*_LODGED)) for count in each.samples
+            (*each.expected(count), count.proportion(FallVerdict.CLEAN).share, count.proportion(*_LODGED).share)
+            for count in each.samples
         ]
         rows += [
             (
@@ -308,8 +309,8 @@ def _record(each: ReleaseMap) -> dict[str, object]:
                 "ratio": count.point.ratio,
                 "opener_deg": count.point.opener_deg,
                 "expected": each.expected(count),
-                "clean": count.share(FallVerdict.CLEAN),
-                "lodged": count.share(*_LODGED),
+                "clean": count.proportion(FallVerdict.CLEAN).share,
+                "lodged": count.proportion(*_LODGED).share,
             }
             for count in each.samples
         ],

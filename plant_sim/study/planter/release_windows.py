@@ -5,19 +5,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from controller.common.document.parts import Cell, Heading, Part, Picture, Table
-from plant_sim.common.figure_style import SERIES, drawing
+from plant_sim.common.figure_style import SERIES, draw_proportions, drawing
+from plant_sim.common.proportion import Proportion
 from plant_sim.planter.falls import FREQUENCY_PER_MIN, motion_at
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.ratio import zero_speed_points
 from plant_sim.planter.verdict import FallVerdict
 from plant_sim.study.planter.verdicts import FallPoint, VerdictCount
-from plant_sim.twin.report import binomial_interval
 
 PITCHES_DEG: Final = (0.0, 3.0, 6.0)
 """Assumed largest pitch of a block; its pitch is uniform up to it, degrees."""
@@ -38,33 +37,6 @@ _PARTS = (0.25, 0.5, 0.75)
 _COLOUR_BY_PITCH: Final = dict(zip(PITCHES_DEG, SERIES, strict=False))
 
 
-class CleanCount(NamedTuple):
-    """Number of clean falls.
-
-    Attributes:
-        hits: Number of clean falls.
-        draws: Number of falls.
-    """
-
-    hits: int
-    draws: int
-
-    @property
-    def share(self) -> float:
-        """Share of the clean falls."""
-        return self.hits / self.draws
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Exact 95 % interval of the share."""
-        return binomial_interval(self.hits, self.draws)
-
-    def text(self) -> str:
-        """Return the share and its interval in percent."""
-        low, high = self.interval
-        return f"{100 * self.share:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
-
-
 @dataclass(frozen=True)
 class LoopComparison:
     """Clean falls on both parts of the loop.
@@ -78,8 +50,8 @@ class LoopComparison:
 
     ratio: float
     pitch_deg: float
-    falling: CleanCount
-    rising: CleanCount
+    falling: Proportion
+    rising: Proportion
 
     @property
     def better(self) -> str:
@@ -99,7 +71,7 @@ class LateOpeners:
     """
 
     pitch_deg: float
-    points: dict[tuple[float, float], CleanCount]
+    points: dict[tuple[float, float], Proportion]
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -144,16 +116,16 @@ def window_parts(loops: Sequence[LoopComparison], late: Sequence[LateOpeners]) -
         (
             f"{each.ratio:.2f}",
             each.pitch_deg,
-            100 * each.falling.share,
-            *(100 * end for end in each.falling.interval),
-            100 * each.rising.share,
-            *(100 * end for end in each.rising.interval),
+            each.falling.percent,
+            *each.falling.interval_percent,
+            each.rising.percent,
+            *each.rising.interval_percent,
             each.better,
         )
         for each in loops
     )
     late_rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (f"{ratio:.2f}", opener_deg, *(100 * each.points[ratio, opener_deg].share for each in late))
+        (f"{ratio:.2f}", opener_deg, *(each.points[ratio, opener_deg].percent for each in late))
         for ratio, opener_deg in itertools.product(LATE_RATIOS, LATE_DEG)
     )
     return [
@@ -216,9 +188,9 @@ def _loop_deg(planter: Planter, ratio: float) -> list[float]:
     return [*falling, *(_LOWEST_DEG + part * (second - _LOWEST_DEG) for part in _PARTS)]
 
 
-def _pooled(counts: Iterator[VerdictCount] | Sequence[VerdictCount]) -> CleanCount:
-    every = [(count.counts[FallVerdict.CLEAN], count.point.draws) for count in counts]
-    return CleanCount(*(sum(column) for column in zip(*every, strict=True)))
+def _pooled(counts: Iterator[VerdictCount] | Sequence[VerdictCount]) -> Proportion:
+    every = [count.proportion(FallVerdict.CLEAN) for count in counts]
+    return Proportion(*(sum(column) for column in zip(*every, strict=True)))
 
 
 def _loop_sentence(loops: Sequence[LoopComparison]) -> str:
@@ -245,8 +217,8 @@ def _late_sentence(late: LateOpeners) -> str:
     limit = "at least" if count.share >= GOOD else "less than"
     return (
         f"With an opener at {LATE_DEG[0]:g}° or later and an assumed pitch of up to {late.pitch_deg:g}°, the smallest "
-        f"share of clean falls at {FREQUENCY_PER_MIN:g} plants per minute is {count.text()}, at λ {ratio:.2f} and "
-        f"{opener_deg:g}°: {limit} {100 * GOOD:g} %."
+        f"share of clean falls at {FREQUENCY_PER_MIN:g} plants per minute is {count.text(decimals=0)}, at "
+        f"λ {ratio:.2f} and {opener_deg:g}°: {limit} {100 * GOOD:g} %."
     )
 
 
@@ -257,18 +229,15 @@ def _chart(loops: Sequence[LoopComparison]) -> Figure:
         for index, pitch_deg in enumerate(PITCHES_DEG):
             points = [each for each in loops if each.pitch_deg == pitch_deg]
             for part, shift, face in (("falling", -0.003, "white"), ("rising", 0.003, None)):
-                counts: list[CleanCount] = [getattr(each, part) for each in points]
-                share = np.array([each.share for each in counts])
-                ends = np.array([each.interval for each in counts])
-                axes.errorbar(
-                    np.array([each.ratio for each in points]) + shift + 0.015 * (index - 1),
-                    100 * share,
-                    100 * np.maximum(0.0, [share - ends[:, 0], ends[:, 1] - share]),
+                counts: list[Proportion] = [getattr(each, part) for each in points]
+                draw_proportions(
+                    axes,
+                    [each.ratio + shift + 0.015 * (index - 1) for each in points],
+                    counts,
                     fmt="o",
                     color=_COLOUR_BY_PITCH[pitch_deg],
                     markerfacecolor=face,
                     capsize=2,
-                    elinewidth=0.8,
                     label=f"{part}, pitch up to {pitch_deg:g}°",
                 )
         axes.set_ylim(0, 103)

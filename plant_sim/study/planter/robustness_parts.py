@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from controller.common.document.parts import Cell, Heading, Part, Picture, Table
-from plant_sim.common.figure_style import QUIET, SERIES, drawing
+from plant_sim.common.figure_style import QUIET, SERIES, draw_proportions, drawing
 from plant_sim.study.planter.verdict_robustness import (
     LEAST_BOUND,
     LEAST_SHARE,
@@ -42,18 +41,19 @@ def robustness_parts(
             f"{each.case.printed:g}",
             each.case.verdict.value,
             each.pitch_deg,
-            100 * each.share,
-            *(100 * end for end in each.interval),
+            each.agreeing.percent,
+            *each.agreeing.interval_percent,
             "yes" if each.is_robust else "no",
         )
         for each in shares
     ]
+    draws = shares[0].agreeing.draws
     return [
         "What was fitted to what: nothing in this study. The constants are assumed, and their defaults were set with "
         "the three verdicts of the paper known: agreement at the defaults is in-sample. The question is therefore how "
         "far the verdicts depend on the assumptions.",
         Heading("Verdicts over all ranges"),
-        f"{shares[0].draws} draws for each case and each assumed pitch, on rigid ground. Each draw has its own values "
+        f"{draws} draws for each case and each assumed pitch, on rigid ground. Each draw has its own values "
         f"of all {len(space.parameters)} parameters of chain, planter, block, grip and ground that the paper does not "
         "print, uniform over the ranges of planter.yaml, its own largest deviations of opener, place, roll, plates and "
         "slope, and its own deviations up to these. The pitch of the block is uniform up to the assumed one, in both "
@@ -92,9 +92,9 @@ def robustness_record(shares: Sequence[Robustness], influences: Sequence[Sensiti
             {
                 "ratio": each.case.printed,
                 "pitch_deg": each.pitch_deg,
-                "draws": each.draws,
-                "hits": each.hits,
-                "interval": each.interval,
+                "draws": each.agreeing.draws,
+                "hits": each.agreeing.hits,
+                "interval": each.agreeing.interval,
                 "robust": each.is_robust,
             }
             for each in shares
@@ -124,9 +124,9 @@ def _sentence(case: SimulatedCase, shares: Sequence[Robustness], sensitivity: Se
     names = sensitivity.depends_on[:_LISTED]
     depends = f"It depends on {', '.join(names)}." if names else "No single parameter decides."
     range_text = (
-        f"{100 * shares[0].share:.0f} % of the draws without pitch and {100 * shares[-1].share:.0f} % with up to "
+        f"{shares[0].agreeing.percent:.0f} % of the draws without pitch and {shares[-1].agreeing.percent:.0f} % with "
     )
-    shown = f"{range_text}{last_deg:g}° have it"
+    shown = f"{range_text}up to {last_deg:g}° have it"
     robust = "is not robust" if limit_deg is None else f"is robust only up to an assumed pitch of {limit_deg:g}°"
     return f"{verdict} {robust}: {shown}. {depends}"
 
@@ -148,17 +148,14 @@ def _chart(shares: Sequence[Robustness]) -> Figure:
         axes = figure.add_subplot()
         for index, (case, colour, marker) in enumerate(zip(CASES, SERIES, _MARKERS, strict=False)):
             points = _of(shares, case)
-            share = np.array([each.share for each in points])
-            ends = np.array([each.interval for each in points])
-            axes.errorbar(
-                np.array([each.pitch_deg for each in points]) + 0.06 * (index - 1),
-                100 * share,
-                100 * np.maximum(0.0, [share - ends[:, 0], ends[:, 1] - share]),
+            draw_proportions(
+                axes,
+                [each.pitch_deg + 0.06 * (index - 1) for each in points],
+                [each.agreeing for each in points],
                 fmt=f"{marker}-",
                 color=colour,
                 markersize=4,
                 capsize=2,
-                elinewidth=0.8,
                 label=f"λ {case.printed:g}: {case.verdict.value}",
             )
         axes.axhline(100 * LEAST_SHARE, color=QUIET, linewidth=0.8, linestyle="--")

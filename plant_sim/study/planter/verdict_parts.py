@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from controller.common.document.parts import Cell, Heading, Part, Picture, Table
-from plant_sim.common.figure_style import COLOURS, QUIET, SERIES, drawing
+from plant_sim.common.figure_style import COLOURS, QUIET, SERIES, draw_proportions, drawing
 from plant_sim.planter.contact import drop
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
@@ -42,8 +42,12 @@ class VerdictSweep:
         points = sorted((*self.cases, *self.sweep), key=lambda each: each.point.ratio)
         ratios = [each.point.ratio for each in points]
         return {
-            "tipped to pushed": crossings(ratios, np.array([each.share(FallVerdict.FORWARD) for each in points])),
-            "pushed to clean": crossings(ratios, np.array([each.share(FallVerdict.CLEAN) for each in points])),
+            "tipped to pushed": crossings(
+                ratios, np.array([each.proportion(FallVerdict.FORWARD).share for each in points])
+            ),
+            "pushed to clean": crossings(
+                ratios, np.array([each.proportion(FallVerdict.CLEAN).share for each in points])
+            ),
         }
 
 
@@ -52,12 +56,13 @@ def sweep_parts(result: VerdictSweep) -> list[Part]:
     planter, scatter = result.planter, result.planter.scatter
     cases: list[tuple[Cell, ...]] = []
     for case, count in zip(CASES, result.cases, strict=True):
-        low, high = count.interval(case.verdict)
+        found = count.proportion(case.verdict)
         fall = drop(planter, planter.rigid_ground, case.motion(planter), opener_deg=planter.chain.release_deg)
         head: tuple[Cell, ...] = (case.speed_km_h, f"{count.point.ratio:.4f}", case.verdict.value)
-        cases.append((*head, 100 * count.share(case.verdict), 100 * low, 100 * high, fall.landed_deg))
+        cases.append((*head, found.percent, *found.interval_percent, fall.landed_deg))
     rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (f"{count.point.ratio:.2f}", *(100 * count.share(verdict) for verdict in FallVerdict)) for count in result.sweep
+        (f"{count.point.ratio:.2f}", *(count.proportion(verdict).percent for verdict in FallVerdict))
+        for count in result.sweep
     )
     texts = [
         f"{name} at λ = {', '.join(f'{at:.3f}' for at in found) or '-'}" for name, found in result.switches().items()
@@ -121,17 +126,14 @@ def _chart(result: VerdictSweep) -> Figure:
         figure = Figure(figsize=(7.0, 3.8), layout="constrained")
         axes = figure.add_subplot()
         for verdict, colour in zip(FallVerdict, SERIES, strict=False):
-            shares = np.array([each.share(verdict) for each in points])
-            ends = np.array([each.interval(verdict) for each in points])
-            axes.errorbar(
+            draw_proportions(
+                axes,
                 ratios,
-                100 * shares,
-                100 * np.maximum(0.0, [shares - ends[:, 0], ends[:, 1] - shares]),
+                [each.proportion(verdict) for each in points],
                 fmt="o-",
                 color=colour,
                 markersize=3,
                 capsize=1.5,
-                elinewidth=0.6,
                 label=verdict.value,
             )
         for at in itertools.chain.from_iterable(result.switches().values()):

@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 
+from plant_sim.common.proportion import Proportion
 from plant_sim.study.engines import Progress, spread
 from plant_sim.study.planter.lodging_fit import Values
 from plant_sim.study.planter.verdict_space import VerdictSpace
 from plant_sim.study.planter.verdicts import CASES, SimulatedCase
-from plant_sim.twin.report import binomial_interval
 
 PITCHES_DEG: Final = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Assumed largest pitch of a block; its pitch is uniform up to it, degrees."""
@@ -32,29 +32,17 @@ class Robustness:
     Attributes:
         case: Simulated case of the paper.
         pitch_deg: Largest pitch, degrees.
-        hits: Number of draws with the verdict of the paper.
-        draws: Number of draws.
+        agreeing: Draws with the verdict of the paper.
     """
 
     case: SimulatedCase
     pitch_deg: float
-    hits: int
-    draws: int
-
-    @property
-    def share(self) -> float:
-        """Share of the draws with the verdict."""
-        return self.hits / self.draws
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Exact 95 % interval of the share."""
-        return binomial_interval(self.hits, self.draws)
+    agreeing: Proportion
 
     @property
     def is_robust(self) -> bool:
         """True if the verdict holds in nearly all draws."""
-        return self.share >= LEAST_SHARE and self.interval[0] >= LEAST_BOUND
+        return self.agreeing.share >= LEAST_SHARE and self.agreeing.interval[0] >= LEAST_BOUND
 
 
 def robustness(
@@ -76,7 +64,7 @@ def robustness(
     jobs = [partial(space.margins, case, _with_pitch(space, points, pitch_deg)) for case, pitch_deg in settings]
     margins = spread(jobs, workers, progress)
     return [
-        Robustness(case, pitch_deg, sum(margin > 0.0 for margin in each), draws)
+        Robustness(case, pitch_deg, Proportion(sum(margin > 0.0 for margin in each), draws))
         for (case, pitch_deg), each in zip(settings, margins, strict=True)
     ]
 

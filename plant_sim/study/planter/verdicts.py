@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from plant_sim.common.proportion import Proportion
 from plant_sim.planter.falls import motion_at
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
@@ -19,7 +20,6 @@ from plant_sim.planter.verdict import FallVerdict, verdict_of
 from plant_sim.study.engines import Progress, spread
 from plant_sim.study.planter.lodging_fit import Values
 from plant_sim.study.runner import trial_seed
-from plant_sim.twin.report import binomial_interval
 
 FREQUENCY_PER_MIN: Final = 56.0
 """Planting frequency of the paper's simulated cases. Source: cabbage paper, 2.2.2."""
@@ -85,13 +85,9 @@ class VerdictCount:
     point: FallPoint
     counts: Counter[FallVerdict]
 
-    def share(self, *verdicts: FallVerdict) -> float:
-        """Return the share of falls with one of the verdicts."""
-        return sum(self.counts[each] for each in verdicts) / self.point.draws
-
-    def interval(self, verdict: FallVerdict) -> tuple[float, float]:
-        """Return the exact 95 % interval of the share of a verdict."""
-        return binomial_interval(self.counts[verdict], self.point.draws)
+    def proportion(self, *verdicts: FallVerdict) -> Proportion:
+        """Return the proportion of falls with one of the verdicts."""
+        return Proportion(sum(self.counts[each] for each in verdicts), self.point.draws)
 
 
 def count_verdicts(

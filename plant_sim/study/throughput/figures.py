@@ -9,28 +9,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from plant_sim.common.figure_style import COLOURS, QUIET, SERIES, drawing
+from plant_sim.common.figure_style import COLOURS, QUIET, SERIES, draw_proportions, drawing
+from plant_sim.common.proportion import Proportion
 from plant_sim.study.estimates import Estimate, estimate
 from plant_sim.study.throughput.driving import FrequencyResult, ThroughputResult
 from plant_sim.study.throughput.pace import CyclePace
-from plant_sim.twin.report import binomial_interval
 
 
 def scan_figure(result: ThroughputResult) -> Figure:
     """Plot the share of trials with a gap at every planting frequency, with exact 95 % intervals, and the limit."""
     frequencies = list(result.results)
-    shares = [100 * each.gaps / len(each.trials) for each in result.results.values()]
-    ends = [binomial_interval(each.gaps, len(each.trials)) for each in result.results.values()]
+    gaps = [Proportion(each.gaps, len(each.trials)) for each in result.results.values()]
     with drawing():
         figure = Figure(figsize=(7.0, 2.8), layout="constrained")
         axes = figure.add_subplot()
-        bars = [
-            [share - 100 * low for share, (low, _) in zip(shares, ends, strict=True)],
-            [100 * high - share for share, (_, high) in zip(shares, ends, strict=True)],
-        ]
-        axes.errorbar(
-            frequencies, shares, bars, fmt="o", color=COLOURS["alarms"], markersize=3, capsize=1.5, elinewidth=0.6
-        )
+        draw_proportions(axes, frequencies, gaps, fmt="o", color=COLOURS["alarms"], markersize=3, capsize=1.5)
         limit = result.limits.without_gap.limit
         if limit is not None:
             axes.axvline(limit, color=QUIET, linewidth=0.8, linestyle="--", zorder=3)

@@ -10,6 +10,7 @@ from controller.common.document.parts import Cell, Heading, Part, Picture, Table
 from controller.program.set_points import FASTEST_PER_MIN, SLOWEST_PER_MIN
 from controller.program.tags import ROWS, SIDES
 from plant_sim.common.figure_style import drawing
+from plant_sim.common.proportion import Proportion
 from plant_sim.study.estimates import BY_SCATTER, IntervalBasis, estimate
 from plant_sim.study.report.origin import changed_keys, origin_parts
 from plant_sim.study.report.study import Study
@@ -29,7 +30,6 @@ from plant_sim.study.throughput.gains import ROUNDING_PER_MIN, MotionGain
 from plant_sim.study.throughput.pace import TRAYS, round_needed_s
 from plant_sim.study.throughput.record import record_of
 from plant_sim.study.throughput.scan import ConditionScan
-from plant_sim.twin.report import binomial_interval
 
 
 def throughput_study(
@@ -97,10 +97,10 @@ def _advice_parts(result: ThroughputResult) -> list[Part]:
             "start of the observed runs, until the timing between the arms has settled."
         )
     trials = len(top.trials)
-    _, most = binomial_interval(0, trials)
+    _, most = Proportion(0, trials).interval_percent
     text += (
         f" The trials differ in the start position of the cups, which determines the first gaps. {trials} trials "
-        f"without a gap do not exclude gaps: they may still occur in up to {100 * most:.0f} % of the starts (95 %, "
+        f"without a gap do not exclude gaps: they may still occur in up to {most:.0f} % of the starts (95 %, "
         "exact binomial), and another seed may shift the limit by a few plants per minute; a larger --trials "
         "reduces the uncertainty."
     )

@@ -19,6 +19,7 @@ from controller.common.command_line import Parser
 from controller.common.errors import InputError
 from controller.hmi.panel.view.trend_file import APPLICATION
 from tests.real_time import WAIT_S
+from tests.sampling import first_of
 
 
 def refused(tmp_path: Path, *given: str) -> str:
@@ -52,7 +53,7 @@ def test_invalid_options_are_rejected(tmp_path: Path) -> None:
     assert "--host must be an address of this computer" in refused(tmp_path, "--host", "192.0.2.1", "--allow-remote")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", first_of([signal.SIGINT, signal.SIGTERM]))
 def test_the_panel_serves_without_a_controller_and_exits_cleanly(tmp_path: Path, number: signal.Signals) -> None:
     given = ("--port", "0", "--users", str(tmp_path / "users.json"), "--controller", "127.0.0.1:1")
     with subprocess.Popen(

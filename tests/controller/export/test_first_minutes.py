@@ -68,7 +68,8 @@ def test_the_first_trial_of_the_readme_is_complete(target: str) -> None:
     assert seedlings(rig) == (72 * trays, 72 * trays)
 
 
-@pytest.mark.parametrize("target", first_of(TARGETS[1:] + TARGETS[:1]))
+@pytest.mark.nightly
+@pytest.mark.parametrize("target", TARGETS[1:] + TARGETS[:1])
 def test_a_machine_declared_new_works_without_a_question(target: str) -> None:
     steps = until_it_works(table(package(target)["README.txt"], NEW))
     assert {step.lamp for step in steps} == {"off", "-"}

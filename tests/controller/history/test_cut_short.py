@@ -27,7 +27,7 @@ from tests.controller.history.cut_short import ACKNOWLEDGED, BATCHES, ENDS, LATE
 from tests.controller.history.history_rig import WALL_MS, history, is_sound, table
 from tests.paths import ROOT
 from tests.real_time import COMMAND_S
-from tests.sampling import first_of
+from tests.sampling import first_of, one_in
 
 SCHEMAS: Final = Path(__file__).with_name("schemas")
 VERSIONS: Final = range(1, SCHEMA + 1)
@@ -84,7 +84,7 @@ def test_the_present_schema_has_the_tables_of_its_file(tmp_path: Path) -> None:
     reason="this Python contains SQLite without the names of its functions",
 )
 @pytest.mark.parametrize("end", ENDS)
-@pytest.mark.parametrize("version", [NEW, *VERSIONS])
+@pytest.mark.parametrize("version", one_in(2, [NEW, *VERSIONS]))
 @pytest.mark.parametrize("every", first_of([EVERY, 1]))
 def test_a_program_that_is_ended_at_any_write_loses_no_committed_row(
     every: int, version: int, end: str, tmp_path: Path

@@ -29,6 +29,7 @@ from tests.controller.common.modbus_rig import (
 )
 from tests.controller.hmi.hmi_rig import READ_D0, HmiRig, read_long, read_words, until, write_word, write_words, written
 from tests.controller.program.modes.hands import change_mode, jog_command, to_manual
+from tests.sampling import one_in
 
 MACHINE = program_of(load_io_map(DEFAULT_IO_MAP))
 SP = MACHINE.tags.sp
@@ -74,7 +75,7 @@ def set_point(rig: HmiRig, name: str) -> int:
 # --- commands -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+@pytest.mark.parametrize("command", one_in(4, COMMANDS.values()), ids=COMMANDS)
 def test_command_is_on_for_exactly_one_scan(rig: HmiRig, client: Client, command: Command) -> None:
     seen = record_commands(rig)
     assert written(client.ask(struct.pack(">BHH", 5, command.bit.number, 0xFF00)))

@@ -120,6 +120,7 @@ def test_every_call_fails(part: int) -> None:
     assert violations(table()[DRAWN + part :: PARTS]) == []
 
 
+@pytest.mark.nightly
 def test_a_drawn_call_of_the_thread_of_the_memory_fails() -> None:
     assert violations(of_memory()[:1], threaded=True) == []
 

@@ -153,7 +153,7 @@ FOUND: list[tuple[str, int, str, str]] = [
 @pytest.mark.parametrize(
     ("step", "after_ms", "kind", "switch"), one_in(3, FOUND), ids=[f"{each[0]}, {each[3]}" for each in FOUND]
 )
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("side", first_of(SIDES))
 def test_a_switch_that_welds_in_an_emergency_stop_in_mid_stroke_does_no_harm(
     step: str, after_ms: int, kind: str, switch: str, side: Side
 ) -> None:

@@ -177,6 +177,7 @@ def test_losses_beyond_the_reference_fail_the_trial() -> None:
     assert "limit 3" in trial.reasons[0]
 
 
+@pytest.mark.nightly
 def test_a_dead_controller_fails_and_the_rest_is_not_run() -> None:
     results, _ = judge(["emergency stop"], damage=lambda _bench, _on: set())
     assert [each.verdict for each in results[:2]] == [CaseVerdict.PASSED, CaseVerdict.PASSED]

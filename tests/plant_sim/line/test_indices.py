@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant_sim.line.indices import Rate, missing_by_cause, planting_rates, spacing_indices
+from plant_sim.common.proportion import Proportion
+from plant_sim.line.indices import missing_by_cause, planting_rates, spacing_indices
 from plant_sim.line.row import NO_PLANT, Missing, PlantRow
 from plant_sim.planter.verdict import Stand
 
@@ -115,11 +116,11 @@ def test_rates_and_causes_of_a_small_row() -> None:
     )
     rates = planting_rates([row, dataclasses.replace(row)])
     assert rates == {
-        "qualified": Rate(2, 24),
-        "missed": Rate(14, 24),
-        "double": Rate(2, 24),
-        "lodged": Rate(2, 10),
-        "injured": Rate(2, 10),
+        "qualified": Proportion(2, 24),
+        "missed": Proportion(14, 24),
+        "double": Proportion(2, 24),
+        "lodged": Proportion(2, 10),
+        "injured": Proportion(2, 10),
     }
     others = dict.fromkeys(("D", "T", "missed_cup", "handover", "release"), 1)
     assert missing_by_cause([row]) == {"P": 2, **others}
@@ -130,10 +131,4 @@ def test_a_row_that_leans_or_was_scraped_is_not_qualified() -> None:
     """Of 100 single plants, 36 lean and 97 were scraped: 3 upright ones were not, and only these are qualified."""
     row = row_of([UPRIGHT] * 64 + [TILTED] * 30 + [LODGED] * 6)
     row.scraped[3:] = True
-    assert planting_rates([row])["qualified"] == Rate(3, 100)
-
-
-def test_the_interval_of_a_rate_is_exact() -> None:
-    """The interval for 136 of 144 is the one quoted for the trials of the pepper paper."""
-    assert Rate(136, 144).interval_percent == pytest.approx((89.35, 97.57), abs=0.01)
-    assert Rate(136, 144).text() == "94.4 % (89.3 to 97.6)"
+    assert planting_rates([row])["qualified"] == Proportion(3, 100)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from plant_sim.common.proportion import Proportion
 from plant_sim.line.command import line_result
 from plant_sim.line.file import LineFile, WorkEntry, find_line, load_line
 from plant_sim.line.ground import SpeedProfile, Stretch
-from plant_sim.line.indices import Rate
 from plant_sim.line.judge.capacity import area_capacity
 from plant_sim.line.judge.targets import RowCriterion, RowTargets, row_targets
 from plant_sim.line.judge.verdicts import JudgedCriterion, PassValues, RowVerdict, pass_values, row_verdicts
@@ -35,7 +35,7 @@ def judged(passes: Sequence[PassValues], targets: RowTargets = TARGETS) -> dict[
 
 def lodged(*hits: int, of: int = 1_000) -> JudgedCriterion:
     """Return the verdict on the lodged plants of several passes; the target is at most 5 %."""
-    values = [PassValues({RowCriterion.LODGED: Rate(each, of)}, {}) for each in hits]
+    values = [PassValues({RowCriterion.LODGED: Proportion(each, of)}, {}) for each in hits]
     return judged(values)[RowCriterion.LODGED]
 
 
@@ -79,14 +79,16 @@ def test_the_values_of_a_pass_are_those_of_its_plants() -> None:
         handovers=(HandoverCount(TractorMotion.STEADY, 6, 1), HandoverCount(TractorMotion.STOPS, 2, 2)),
     )
     values, geometry = pass_values([row, row], TARGETS, spacing_m=0.4, clearance_m=0.022)
-    assert values[RowCriterion.UPRIGHT] == Rate(8, 12)
-    assert values[RowCriterion.TILTED] == values[RowCriterion.LODGED] == values[RowCriterion.SCRAPED] == Rate(2, 12)
-    assert values[RowCriterion.QUALIFIED] == Rate(2, 12)
-    assert values[RowCriterion.HANDOVER] == Rate(6, 16)
-    assert values[RowCriterion.DEPTH_QUALIFIED] == Rate(10, 12)
+    assert values[RowCriterion.UPRIGHT] == Proportion(8, 12)
+    assert (
+        values[RowCriterion.TILTED] == values[RowCriterion.LODGED] == values[RowCriterion.SCRAPED] == Proportion(2, 12)
+    )
+    assert values[RowCriterion.QUALIFIED] == Proportion(2, 12)
+    assert values[RowCriterion.HANDOVER] == Proportion(6, 16)
+    assert values[RowCriterion.DEPTH_QUALIFIED] == Proportion(10, 12)
     assert values[RowCriterion.DEPTH_MEAN] == pytest.approx(0.067)
     assert geometry[RowCriterion.DEPTH_MEAN] == pytest.approx(0.045)
-    assert geometry[RowCriterion.DEPTH_QUALIFIED] == Rate(6, 12)
+    assert geometry[RowCriterion.DEPTH_QUALIFIED] == Proportion(6, 12)
     sd_m = float(np.std(np.tile(row.depth_m, 2), ddof=1))
     assert values[RowCriterion.DEPTH_CV] == pytest.approx(sd_m / 0.067)
     assert geometry[RowCriterion.DEPTH_CV] == pytest.approx(sd_m / 0.045)

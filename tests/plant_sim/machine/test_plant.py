@@ -188,7 +188,7 @@ def test_the_image_belongs_to_the_caller() -> None:
 
 
 @given(segments=SEGMENTS, seed=st.integers(0, 1_000))
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_positions_switches_pressures_and_seedlings_stay_valid_under_random_coils(
     segments: list[tuple[int, frozenset[str], bool]], seed: int
 ) -> None:

@@ -78,7 +78,7 @@ def test_a_command_can_be_parsed_and_supports_a_result(command: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", one_in(4, [each for each in COMMANDS if each not in SLOW and not each.startswith(TESTS)])
+    "command", one_in(8, [each for each in COMMANDS if each not in SLOW and not each.startswith(TESTS)])
 )
 def test_a_command_prints_the_stated_results(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(command, ITEMS, tmp_path, capsys)

@@ -64,7 +64,7 @@ def test_the_printed_velocity_has_no_point_of_zero_speed() -> None:
         assert len(zero_speed_points(motion)) == len(zero_speed_times_s(motion)) == 0
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(motions())
 def test_analysis_and_root_finding_agree(motion: Motion) -> None:
     for offset in ((0.0, 0.0), motion.chain.tip, motion.chain.guide):

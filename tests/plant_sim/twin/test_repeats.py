@@ -22,7 +22,7 @@ from plant_sim.scope.store import Recording
 from plant_sim.study.air_consumption import air_of
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.repeats import Repeats, pool
-from plant_sim.twin.report import TrialReport, binomial_interval, make_report
+from plant_sim.twin.report import TrialReport, make_report
 from plant_sim.twin.trial import run_trial
 
 SEEDLINGS = 40
@@ -93,27 +93,6 @@ def untimed(record: Any) -> Any:
 def unmarked(text: str) -> str:
     """Return a CSV without its last column, which is the provenance."""
     return "".join(f"{line.rpartition(',')[0]}\n" for line in text.splitlines())
-
-
-# --- the interval ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("hits", "draws"), [(0, 144), (144, 144), (0, 1), (1, 1), (1, 144), (136, 144), (5000, 7200)])
-@pytest.mark.parametrize("confidence", [0.95, 0.99])
-def test_the_interval_of_a_share_is_exact(hits: int, draws: int, confidence: float) -> None:
-    exact = binomtest(hits, draws).proportion_ci(confidence, method="exact")
-    assert binomial_interval(hits, draws, confidence) == pytest.approx((exact.low, exact.high), abs=1e-9)
-
-
-def test_the_interval_of_no_hits_or_all_hits_ends_at_0_or_1() -> None:
-    """Exact form of the rule of three: without a hit in n draws the upper end is 1 - 0.025^(1/n)."""
-    upper = 1 - 0.025 ** (1 / 144)
-    assert binomial_interval(0, 144) == pytest.approx((0.0, upper), abs=1e-12)
-    assert binomial_interval(144, 144) == pytest.approx((1 - upper, 1.0), abs=1e-12)
-
-
-def test_the_interval_without_draws_is_0_to_1() -> None:
-    assert binomial_interval(0, 0) == (0.0, 1.0)
 
 
 # --- several trials --------------------------------------------------------------------------------

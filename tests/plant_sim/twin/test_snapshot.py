@@ -40,6 +40,7 @@ SCRATCH = {
     "_inputs",
     "_parts",
     "_watched",
+    "is_watched",
     "_trigger_records",
     "_conditions",
     "_arguments",
@@ -48,7 +49,9 @@ SCRATCH = {
     "levels",
     "_code",
 }
-"""Attributes that are written before they are read in every run, and lists of parts that have names of their own."""
+"""Attributes that are written before they are read in every run, or follow from the registered watchers, and lists of
+parts that have names of their own.
+"""
 
 
 def values_of(twin: Twin) -> dict[str, object]:

@@ -147,6 +147,18 @@ def moving_outputs(twin: Twin) -> set[str]:
     return twin.outputs() & {point.tag for point in twin.io_map.outputs if point.moves}
 
 
+def moved_from_now_on(twin: Twin) -> set[str]:
+    """Return the tags of the outputs that are on and move something; those that turn on later are added."""
+    moved = moving_outputs(twin)
+    twin.watch(lambda each: moved.update(moving_outputs(each)), output_bits(twin))
+    return moved
+
+
+def output_bits(twin: Twin) -> list[Bit]:
+    """Return the devices of all outputs."""
+    return [Bit("Y", point.number) for point in twin.io_map.outputs]
+
+
 class ChangeRecorder:
     """Recorder of changes, scan by scan; within a scan, releases come before activations.
 
@@ -166,7 +178,7 @@ class ChangeRecorder:
     @classmethod
     def of_outputs(cls, twin: Twin) -> ChangeRecorder:
         """Record the outputs by tag."""
-        return cls(twin, lambda twin: twin.outputs(), [Bit("Y", point.number) for point in twin.io_map.outputs])
+        return cls(twin, lambda twin: twin.outputs(), output_bits(twin))
 
     @classmethod
     def of_steps(cls, twin: Twin) -> ChangeRecorder:

@@ -19,6 +19,7 @@ from scripts.benchmark.c_program import c_text, compiled_c
 from scripts.benchmark.catalogue import PARTS
 from scripts.benchmark.fx_engine import seal_ins, shuffled_seal_ins, with_changed_rung
 from tests.controller.export.fx_equality import EXPORTED
+from tests.sampling import first_of
 
 MOST_RECOMPILED = 4
 """The changed part, the routine, and at most two parts whose division has changed."""
@@ -46,7 +47,7 @@ def test_contacts_and_coils_in_c() -> None:
     assert "    p = !X[8];\n    p &= M[3];\n    p |= !Y[1];\n    Y[2] = p;\n" in text
 
 
-@pytest.mark.parametrize("has_gcc", [True, False])
+@pytest.mark.parametrize("has_gcc", first_of([True, False]))
 def test_without_gcc_there_are_no_figures_of_c(has_gcc: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if not has_gcc:
         monkeypatch.setattr(shutil, "which", lambda _: None)

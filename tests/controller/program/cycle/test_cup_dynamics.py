@@ -49,7 +49,9 @@ def told(story: Iterable[Phase], *, per_min: float, ramp_m_s2: float = RAMP_M_S2
     twin.watch(watch, devices=())
     twin.home(within_ms=60_000)
     twin.start()
-    twin.run_until(lambda: bool(watch.rows), within_ms=120_000)
+    while not watch.rows:
+        twin.run_for(100)
+        assert twin.now_ms < 180_000, "no throw"
     for phase in story:
         twin.plant.planting_frequency_per_min = phase.per_min
         if twin.runs_until(complete, for_ms=round(1_000 * phase.for_s)):
@@ -70,7 +72,7 @@ def worst_m(watch: MotionWatch) -> float:
     return max(abs(row.throw_along_m) for row in watch.rows)
 
 
-@pytest.mark.parametrize("per_min", one_in(5, [float(per_min) for per_min in range(20, 95, 5)]))
+@pytest.mark.parametrize("per_min", one_in(8, [float(per_min) for per_min in range(20, 95, 5)]))
 def test_plugs_land_in_their_cups_at_every_permitted_frequency(per_min: float) -> None:
     watch = told([], per_min=per_min) if per_min == 60.0 else told([Phase(per_min, 600.0)], per_min=per_min)
     assert len(watch.rows) == 12
@@ -88,7 +90,7 @@ def test_plugs_land_in_their_cups_in_ramps_between_two_frequencies(one: float, o
     assert worst_m(told(story, per_min=one)) < CATCH_M
 
 
-@pytest.mark.parametrize(("seed", "per_min"), [(4, 80.0), *one_in(17, product(range(5, 11), LEVELS))])
+@pytest.mark.parametrize(("seed", "per_min"), one_in(2, [(4, 80.0), *one_in(17, product(range(5, 11), LEVELS))]))
 def test_plugs_land_in_their_cups_when_the_tractor_stops_and_starts_again(seed: int, per_min: float) -> None:
     """In story 4 at 80 per minute, the flag that times a release is much shorter than the one before."""
     draws = random.Random(f"{seed} {per_min}")
@@ -103,7 +105,7 @@ def test_plugs_land_in_their_cups_when_the_tractor_stops_and_starts_again(seed: 
     assert worst_m(told(story, per_min=per_min)) < CATCH_M
 
 
-@pytest.mark.parametrize("seed", one_in(10, range(1, 41)))
+@pytest.mark.parametrize("seed", one_in(20, range(1, 41)))
 def test_plugs_land_in_their_cups_on_a_random_drive(seed: int) -> None:
     """Frequencies, ramps up to 30 per minute per second, and standstills are drawn at random."""
     draws = random.Random(seed)

@@ -240,7 +240,7 @@ def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: 
 
 
 @pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("descend_at_count", first_of([12, 9, 11, 20], 2))
+@pytest.mark.parametrize("descend_at_count", first_of([12, 9, 11, 20]))
 def test_the_arm_goes_down_at_the_set_cup_and_not_before(side: Side, descend_at_count: int) -> None:
     """The claws are spread at about cup 6; the raised arm is lowered at the set cup, but no later than at cup 12."""
     run = tray_run(descend_at_count=descend_at_count)

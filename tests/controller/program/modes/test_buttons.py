@@ -6,14 +6,15 @@ import pytest
 
 from controller.program.states import State
 from plant_sim.twin.lock_step import SCAN_MS, Twin
+from tests.plant_sim.twin.twin_rig import output_bits
 
 
 def test_a_start_button_held_at_power_up_moves_nothing() -> None:
     """If X0 is pressed or stuck at power-up, nothing happens until it is released and pressed again."""
     twin = Twin()
     twin.plant.box.start = True
-    seen: set[str] = set()
-    twin.watch(lambda t: seen.update(t.outputs()))
+    seen = twin.outputs()
+    twin.watch(lambda t: seen.update(t.outputs()), output_bits(twin))
     twin.run_for(3_000)
     assert twin.state.name == "STOPPED"
     assert seen == set()
@@ -80,8 +81,8 @@ def test_emergency_stop_is_cleared_by_a_press_of_stop_of_three_seconds() -> None
     twin.run_for(3_030)
     assert twin.state.name == "ABORTED", "cleared before the release"
     twin.run_until_state(State.STOPPED, within_ms=50)
-    moved: set[str] = set()
-    twin.watch(lambda t: moved.update(t.outputs()))
+    moved = twin.outputs()
+    twin.watch(lambda t: moved.update(t.outputs()), output_bits(twin))
     twin.run_for(2_000)
     assert twin.state.name == "STOPPED"
     assert moved == set()

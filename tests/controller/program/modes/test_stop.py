@@ -65,7 +65,7 @@ def start_tractor(twin: Twin) -> None:
 # cups run
 
 
-@pytest.mark.parametrize("step", one_in(3, CYCLE_STEPS))
+@pytest.mark.parametrize("step", one_in(5, CYCLE_STEPS))
 def test_stop_in_any_step_finishes_the_cycle_and_goes_home(step: str) -> None:
     """If X24 is pressed in this step of row 1, the arm releases the row, starts no other row and moves home."""
     twin = at_work({"trays_target": 1, "converge_at": int(step in RAISING)})

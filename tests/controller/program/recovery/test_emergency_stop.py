@@ -16,6 +16,7 @@ from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import clear, home_again, press_emergency_stop
 from tests.plant_sim.twin.routes import BRISK, Route, Stop, finish, interrupted, route_to, run_to
 from tests.plant_sim.twin.twin_rig import arm_of, moving_outputs, switched_on, tags_of, undisturbed
+from tests.sampling import one_in
 
 SEEN_MS = 2 * SCAN_MS
 """Delay of the input filter, ms: X25 is accepted after 10 ms, in the second scan."""
@@ -111,7 +112,7 @@ def check_trial(twin: Twin, route: Route, side: Side, *, discarded: bool) -> Non
         assert twin.plc.read(tags_of(twin, each).cycles) == thrown
 
 
-@pytest.mark.parametrize("stop", interrupted(1))
+@pytest.mark.parametrize("stop", one_in(2, interrupted(1)))
 def test_emergency_stop_in_every_step(stop: Stop) -> None:
     """If the button is pressed during a step, all motion stops, the stop is latched, and the trial can be finished."""
     route = route_to(stop)

@@ -31,6 +31,7 @@ from tests.controller.program.recovery.test_emergency_stop import (
 )
 from tests.plant_sim.twin.routes import BRISK, Stop, finish, interrupted, restart_tractor, route_to, run_row_1, run_to
 from tests.plant_sim.twin.twin_rig import TRAY_MS, moving_outputs, switched_on, tags_of
+from tests.sampling import one_in
 from tests.wiring import wired
 
 GUARD = wired("guard")
@@ -77,7 +78,7 @@ def refusals(twin: Twin) -> list[tuple[str, Refusal]]:
     return [(e.command, Refusal(e.reason)) for e in twin.events if isinstance(e, RefusalEvent)]
 
 
-@pytest.mark.parametrize("stop", interrupted(2))
+@pytest.mark.parametrize("stop", one_in(2, interrupted(2)))
 def test_guard_opened_in_every_step(stop: Stop) -> None:
     """The relay stops all motion, the load is kept, and the trial is finished without losses after a homing."""
     route = route_to(stop)
@@ -185,7 +186,7 @@ OPENED: dict[str, tuple[Callable[[Twin], None], State, bool]] = {
 states that last one scan are covered by the proof."""
 
 
-@pytest.mark.parametrize("name", OPENED)
+@pytest.mark.parametrize("name", one_in(2, OPENED))
 def test_guard_opened_in_every_state(name: str) -> None:
     """Only motion that is cut short raises the alarm; the tray is no longer trusted in any state."""
     to_state, ends, reports = OPENED[name]

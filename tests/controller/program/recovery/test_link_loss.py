@@ -14,7 +14,7 @@ from controller.program.states import State
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import home_again
 from tests.controller.program.recovery.cable import CableLink
-from tests.plant_sim.twin.twin_rig import moving_outputs
+from tests.plant_sim.twin.twin_rig import moved_from_now_on
 
 LIMIT_MS = 100
 
@@ -72,8 +72,7 @@ def test_nothing_restarts_when_the_link_returns(cabled: tuple[Twin, CableLink]) 
     cable.pulled = True
     twin.run_for(3_000)
     cable.pulled = False
-    moved: set[str] = set()
-    twin.watch(lambda t: moved.update(moving_outputs(t)))
+    moved = moved_from_now_on(twin)
     twin.run_for(2_000)
     assert not twin.runtime.link_lost
     assert twin.state == State.ABORTED

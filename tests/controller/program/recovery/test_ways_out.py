@@ -22,7 +22,7 @@ from plant_sim.twin.recovery import begin_homing, home_again, press_emergency_st
 from tests.controller.program.modes.hands import jog_command, stop, to_manual
 from tests.plant_sim.twin.routes import BRISK, run_to
 from tests.plant_sim.twin.twin_rig import MACHINE, TRAY_MS, other_side, switched_on, tags_of
-from tests.sampling import one_in
+from tests.sampling import first_of, one_in
 from tests.wiring import unwired, wired
 
 PRESSES = {NEXT_PRESSES[press].en: press for press in NextPress} | {"": NextPress.NONE}
@@ -337,7 +337,7 @@ def test_a_row_stated_as_empty_is_not_picked() -> None:
 # an arm out of service
 
 
-@pytest.mark.parametrize("out", SIDES)
+@pytest.mark.parametrize("out", first_of(SIDES))
 def test_one_arm_works_alone(out: Side) -> None:
     """The arm out of service is never driven; the other takes its three rows, and the tray leaves with the rest."""
     twin = machine(trays=2, trays_target=1)

@@ -142,7 +142,7 @@ def test_an_arm_that_a_damaged_memory_takes_out_of_service_works_again() -> None
     assert played(f"{story}; 44860 tend").harms == []
 
 
-@pytest.mark.parametrize("text", first_of(MENDED, 2))
+@pytest.mark.parametrize("text", first_of(MENDED))
 def test_a_mended_cause_does_no_harm(text: str) -> None:
     assert judge().of_played(played(text)).of_story in {HarmClass.NONE, HarmClass.TOLD}
 

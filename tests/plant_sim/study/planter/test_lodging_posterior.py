@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
+from plant_sim.common.proportion import binomial_interval
 from plant_sim.planter.parameters import load_planter
 from plant_sim.study.doe.design import to_natural
 from plant_sim.study.paper_tables import CABBAGE_FACTORS, cabbage_experiment
@@ -21,7 +22,6 @@ from plant_sim.study.planter.lodging_posterior import (
     lodging_posterior,
 )
 from plant_sim.study.planter.tipping import DEEPEST_M, Tipping
-from plant_sim.twin.report import binomial_interval
 
 SCATTER = load_planter().scatter
 CODED = cabbage_experiment("reconciled").coded

@@ -48,10 +48,10 @@ def test_verdicts_of_the_cases_of_the_paper_hold_in_most_undisturbed_draws() -> 
     release_deg = PLANTER.chain.release_deg
     points = [FallPoint(case.motion(PLANTER).ratio, release_deg, 30, UNDISTURBED) for case in CASES]
     for case, count in zip(CASES, count_verdicts(PLANTER, RANGES, points, seed=4, workers=1), strict=True):
-        assert count.share(case.verdict) >= 0.9, case
+        assert count.proportion(case.verdict).share >= 0.9, case
         assert sum(count.counts.values()) == 30
-        low, high = count.interval(case.verdict)
-        assert low < count.share(case.verdict) <= high
+        low, high = count.proportion(case.verdict).interval
+        assert low < count.proportion(case.verdict).share <= high
 
 
 def test_verdicts_hold_with_another_opener_and_another_guide_plate() -> None:
@@ -63,7 +63,7 @@ def test_verdicts_hold_with_another_opener_and_another_guide_plate() -> None:
     ]
     counts = count_verdicts(PLANTER, RANGES, points, seed=2, workers=1)
     for count, case in zip(counts, np.repeat(np.arange(3), 2).tolist(), strict=True):
-        assert count.share(CASES[case].verdict) >= 0.8
+        assert count.proportion(CASES[case].verdict).share >= 0.8
 
 
 @pytest.mark.parametrize("workers", first_of([1, 2]))
@@ -237,6 +237,6 @@ def test_trials_by_the_equations_have_their_shares() -> None:
 def test_no_verdict_survives_all_ranges_and_pitches() -> None:
     """The middle case, whose verdict has a limit on both sides, is the weakest."""
     shares = robustness(VerdictSpace(PLANTER, RANGES), draws=100, seed=2)
-    by_case = {case: [each.share for each in shares if each.case is case] for case in CASES}
+    by_case = {case: [each.agreeing.share for each in shares if each.case is case] for case in CASES}
     assert robust_up_to_deg([each for each in shares if each.case is CASES[1]]) is None
     assert max(by_case[CASES[1]]) < 0.8

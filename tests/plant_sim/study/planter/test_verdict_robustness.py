@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from plant_sim.common.proportion import Proportion
 from plant_sim.planter.parameters import load_planter, load_ranges
 from plant_sim.planter.verdict import FallVerdict, margin_of, verdict_of
 from plant_sim.study.planter import robustness_parts as parts
@@ -83,12 +84,13 @@ def test_distance_is_positive_exactly_for_the_verdict() -> None:
     ("hits", "draws", "is_robust"), [(180, 200, True), (179, 200, False), (18, 20, False), (60, 60, True)]
 )
 def test_robust_is_a_share_of_90_percent_whose_interval_begins_at_80(hits: int, draws: int, is_robust: bool) -> None:
-    assert Robustness(CLEAN, 0.0, hits, draws).is_robust is is_robust
+    assert Robustness(CLEAN, 0.0, Proportion(hits, draws)).is_robust is is_robust
 
 
 def test_robust_up_to_the_first_pitch_that_is_not() -> None:
     shares = [
-        Robustness(CLEAN, pitch_deg, hits, 200) for pitch_deg, hits in zip(range(4), (200, 190, 150, 199), strict=True)
+        Robustness(CLEAN, pitch_deg, Proportion(hits, 200))
+        for pitch_deg, hits in zip(range(4), (200, 190, 150, 199), strict=True)
     ]
     assert robust_up_to_deg(shares) == 1.0
     assert robust_up_to_deg(shares[2:]) is None
@@ -98,9 +100,9 @@ def test_shares_follow_from_the_same_draws_at_every_pitch() -> None:
     """The distance of the linear space depends on the deviation, not on the largest one."""
     shares = robustness(LinearSpace(PLANTER, RANGES), draws=400, seed=1, workers=1)
     assert [each.pitch_deg for each in shares] == [*PITCHES_DEG] * 3
-    assert len({each.hits for each in shares}) == 1
+    assert len({each.agreeing.hits for each in shares}) == 1
     # 0.6 x + 0.3 y > 0.2: all but the corner with an area of 1/9
-    assert shares[0].interval[0] < 8 / 9 < shares[0].interval[1]
+    assert shares[0].agreeing.interval[0] < 8 / 9 < shares[0].agreeing.interval[1]
 
 
 def test_assumed_pitch_is_that_of_the_draws(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,14 +175,16 @@ def test_size_of_the_samples_follows_the_draws() -> None:
     ],
 )
 def test_conclusion_names_what_survives_and_what_decides(hits: list[int], text: str) -> None:
-    shares = [Robustness(CLEAN, pitch_deg, each, 200) for pitch_deg, each in zip(PITCHES_DEG, hits, strict=True)]
+    shares = [
+        Robustness(CLEAN, pitch_deg, Proportion(each, 200)) for pitch_deg, each in zip(PITCHES_DEG, hits, strict=True)
+    ]
     indices = (0.5, 0.4, 0.6)
     influence = Influence("pitch of the block", 0.3, indices, indices)
     assert parts._sentence(CLEAN, shares, Sensitivity(CLEAN, {}, (influence,))) == text
 
 
 def test_no_text_calls_a_share_of_draws_a_chance() -> None:
-    shares = [Robustness(case, pitch_deg, 10, 20) for case in CASES for pitch_deg in PITCHES_DEG]
+    shares = [Robustness(case, pitch_deg, Proportion(10, 20)) for case in CASES for pitch_deg in PITCHES_DEG]
     influences = [Sensitivity(case, {}, ()) for case in CASES]
     texts = [
         part for part in parts.robustness_parts(SPACE, shares, influences, SampleSize(2, 4)) if isinstance(part, str)

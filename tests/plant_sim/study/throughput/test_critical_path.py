@@ -16,6 +16,7 @@ from plant_sim.study.errors import StudyError
 from plant_sim.study.throughput.critical_path import Round, by_device, by_motion, critical_path, rounds
 from plant_sim.study.throughput.timeline import ARM, FEEDER, MOTIONS, StepInterval, Throw, Timeline, TimelineRecorder
 from plant_sim.twin.lock_step import Twin
+from tests.sampling import first_of
 
 Steps = list[tuple[str, int]]
 """Steps with their end times, ms; the first starts at 0."""
@@ -247,7 +248,7 @@ def test_at_75_per_minute_late_rounds_waited_for_the_other_arm_and_the_tray() ->
 
 
 @pytest.mark.parametrize(("throttled", "share"), [("slide", 0.6), ("lift", 0.45)])
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("side", first_of(SIDES))
 def test_throttling_a_device_lengthens_only_its_share_of_the_path(side: Side, throttled: str, share: float) -> None:
     """If the arms set the pace, a slower device lengthens the round by its additional time only."""
     fast = {"frequency_per_min": 90.0, "row_spacing_m": 0.5}

@@ -15,6 +15,7 @@ from controller.debug.timeline import RunTimeline
 from plant_sim.faults import parse_fault
 from plant_sim.twin.debug.recorder import TwinRecorder
 from plant_sim.twin.lock_step import SCAN_MS, Twin
+from tests.sampling import one_in
 
 NAMES = ("X1", "Y1", "M100", "D130", "TN206", "left.lift_up", "start", "C5")
 CONDITION = "left.lift.position_m > 0.1 and not X1"
@@ -50,7 +51,7 @@ def changed(rows: list[dict[str, object]], name: str) -> list[int]:
     return [scan for scan in range(1, len(rows)) if rows[scan][name] != rows[scan - 1][name]]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", one_in(3, NAMES))
 def test_every_change_of_a_device_is_found_from_everywhere(name: str) -> None:
     line, rows = recorded()
     find, scans = device_changes(line, [line.machine.signal(name)]), changed(rows, name)

@@ -18,7 +18,6 @@ from plant_sim.twin.debug.recorder import TwinRecorder
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.trial import run_trial
 from tests.plant_sim.stories.drawn.story_rig import menu, player
-from tests.sampling import first_of
 
 SEEKS = 120
 
@@ -80,7 +79,8 @@ TRIALS: tuple[dict[str, Any], ...] = (
 )
 
 
-@pytest.mark.parametrize("settings", first_of(TRIALS))
+@pytest.mark.nightly
+@pytest.mark.parametrize("settings", TRIALS)
 def test_a_recorded_trial_is_that_of_the_report_and_can_be_returned_to(settings: dict[str, Any]) -> None:
     found: list[Any] = []
     reports = [run_trial(**settings, prepare=attached(kind, found)) for kind in (TwinRecorder, ScanWitness)]
