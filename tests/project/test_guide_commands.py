@@ -11,6 +11,7 @@ stopped with Ctrl-C when they are ready.
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import json
 import os
@@ -60,14 +61,15 @@ RUN_ELSEWHERE: Final = re.compile(
     r"scripts/test\b|\.venv/bin/python -m controller (prove$|capture record|run --real-time-priority)"
     r"|scripts/bench\b|\.venv/bin/python -m controller prove .*(tray moves while clamped|other outputs)"
     r"|\.venv/bin/python -m plant_sim (hil program|faults --fault slow_valve:lift )|\S+ -m .* --dap\b"
+    r"|\.venv/bin/python -m controller ladder page .*--connect"
     r"|\.venv/bin/python -m tests\.plant_sim\.hil\.score "
 )
 """Commands that are covered elsewhere: `scripts/test` runs this test, test_scenario_guide.py runs the checks of the
 scenario guide, test_prove.py runs the complete proof, test_capture.py the proxy, test_real_time.py the priority, which
 a system may refuse, test_parts.py every part of the benchmark, test_adding_a_device.py the proof of the added output,
 test_adding_a_case.py the added row and the added cases, test_hil_command.py the bench of the program,
-tests/plant_sim/hil the score of damages, of which this command takes hours, and test_foreign_client.py the debug
-adapter."""
+tests/plant_sim/hil the score of damages, of which this command takes hours, test_machine_page.py the page of a live
+program, and test_foreign_client.py the debug adapter."""
 PAPERS: Final = {
     f".venv/bin/python -m {command}"
     for paper in get_args(PaperName)
@@ -171,12 +173,13 @@ def periods() -> list[ParameterSet]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a folder that the commands can use as a checkout, with the files that a reader would have.
 
-    scripts/run is that of the checkout. scripts/setup does nothing, because the commands use the environment of this
-    test.
+    Commands that read their standard input find its end. scripts/run is that of the checkout. scripts/setup does
+    nothing, because the commands use the environment of this test.
     """
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     interpreter = tmp_path / ".venv/bin/python"
     interpreter.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n', encoding="utf-8")
@@ -212,6 +215,7 @@ def run_process(arguments: list[str], folder: Path) -> subprocess.CompletedProce
     return subprocess.run(
         arguments,
         check=False,
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         timeout=LIMIT_S,
@@ -268,13 +272,17 @@ def served(arguments: list[str], folder: Path, ready: str) -> Iterator[subproces
 
 
 def serve(commands: list[str], folder: Path) -> None:
-    """Start servers with free ports in simulated time, and stop them; a controller without a plant gets one."""
+    """Start servers with free ports, a machine in simulated time, and stop them; a controller alone gets a plant."""
     port = ""
     with ExitStack() as stack:
         for arguments in map(shlex.split, commands):
             if arguments[0] == "scripts/run":
                 ports = ["--port", str(free_port()), "--hmi-port", "0", "--panel-port", "0"]
                 stack.enter_context(served([*arguments, *ports], folder, "Execute"))
+                continue
+            if "--page" in arguments:
+                arguments[arguments.index("--page") + 1] = "0"
+                stack.enter_context(served(arguments, folder, "http://127.0.0.1:"))
                 continue
             if "plant_sim" in arguments or not port:
                 port = str(free_port())
@@ -290,6 +298,8 @@ def is_server(command: str) -> bool:
     words = shlex.split(command)
     if words[0] == "scripts/run":
         return "--fast" not in words and "--real-time" not in words
+    if "--page" in words:
+        return True
     return words[0].endswith("python") and (words[3:4] or ["run"])[0] in SERVERS and "--check" not in words
 
 
@@ -345,7 +355,7 @@ def check(name: str, commands: list[str], folder: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.timeout(3_600)
-@pytest.mark.parametrize("name", one_in(8, BY_DEFAULT))
+@pytest.mark.parametrize("name", one_in(16, BY_DEFAULT))
 def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(name, BY_DEFAULT[name], folder, capsys)
 

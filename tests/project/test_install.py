@@ -243,7 +243,7 @@ EXTRA_COMMANDS: Mapping[str, tuple[str, ...]] = {
 MISSING_COMMANDS: Mapping[str, tuple[str, ...]] = {
     "numpy": (SCRIPTS[1], "trial"),
     "z3": (SCRIPTS[0], "prove"),
-    "uvicorn": (SCRIPTS[0], "panel"),
+    "starlette": (SCRIPTS[0], "panel"),
 }
 """Command that needs a module of an extra, by module."""
 

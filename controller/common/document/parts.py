@@ -19,7 +19,7 @@ _NUMBER = re.compile(r"[<>]?[+-]?\d+(\.\d+)?(e[+-]?\d+)?")
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Heading in a document.
+    """Heading in a document; in HTML, a cell of a table can link to it.
 
     Attributes:
         text: Text of the heading.
@@ -28,6 +28,11 @@ class Heading:
 
     text: str
     level: int = 2
+
+    @property
+    def anchor(self) -> str:
+        """Identifier of the heading in HTML: its letters and digits with hyphens."""
+        return re.sub(r"\W+", "-", self.text.lower()).strip("-")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,9 @@ class Table:
         heading: Name and unit of each column.
         rows: Cells, row by row; None for an empty cell.
         digits: Number of decimals displayed for a float; the CSV contains all digits.
+        headings: Heading of the document to which the first cell of each row links in HTML, row by row, None for no
+            link; empty for a table without links.
+        strong: Texts of the cells that are emphasised in HTML.
     """
 
     name: str
@@ -59,11 +67,15 @@ class Table:
     heading: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     digits: int = 2
+    headings: tuple[Heading | None, ...] = ()
+    strong: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the name and the length of every row."""
+        """Check the name, the length of every row, and the number of links."""
         if self.name:
             _require_stem(self.name)
+        if self.headings and len(self.headings) != len(self.rows):
+            raise ValueError(f"table {self.name}: {len(self.headings)} headings for {len(self.rows)} rows")
         for row in self.rows:
             if len(row) != len(self.heading):
                 raise ValueError(f"table {self.name}: {len(row)} cells for {len(self.heading)} headings: {row}")
@@ -115,7 +127,20 @@ class Picture:
         _require_stem(self.name)
 
 
-Part = str | Heading | ShellCommand | Table | Picture
+@dataclass(frozen=True, slots=True)
+class InlineDrawing:
+    """Drawing inside an HTML page, without a file; other forms of the document contain only its caption.
+
+    Attributes:
+        caption: Caption.
+        svg: Text of the SVG.
+    """
+
+    caption: str
+    svg: str
+
+
+Part = str | Heading | ShellCommand | Table | Picture | InlineDrawing
 
 
 def listing(heading: Iterable[str], rows: Iterable[Iterable[object]]) -> Table:

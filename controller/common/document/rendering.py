@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from controller.common.document.parts import Heading, Part, Picture, ShellCommand, Table, listing
+from controller.common.document.parts import Heading, InlineDrawing, Part, Picture, ShellCommand, Table, listing
 
 _STYLE = """\
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
@@ -24,7 +24,7 @@ thead th { border-bottom: 2px solid #666; }
 .file { font-size: .85rem; margin: 0; }
 figure { margin: 1.5rem 0; }
 figcaption { font-weight: 600; }
-img { max-width: 100%; height: auto; }
+img, figure svg { max-width: 100%; height: auto; }
 pre { background: #f4f4f4; padding: .6rem .8rem; overflow-x: auto; }
 """
 
@@ -45,6 +45,8 @@ def plain_text(title: str, parts: Iterable[Part]) -> str:
                 blocks.append(_plain_table(part))
             case Picture():
                 blocks.append(f"[picture {part.name}: {part.caption}]")
+            case InlineDrawing(caption):
+                blocks.append(f"[picture: {caption}]")
             case ShellCommand(text) | str(text):
                 blocks.append(text)
     return "\n\n".join(blocks)
@@ -70,6 +72,8 @@ def markdown(title: str, parts: Iterable[Part], *, is_literal: bool = True) -> s
                 blocks.append(_markdown_table(part, _escaped if is_literal else _without_bars))
             case Picture():
                 blocks.append(_markdown_picture(part, literal(part.caption)))
+            case InlineDrawing(caption):
+                blocks.append(literal(caption))
             case str():
                 blocks.append(_escaped_paragraph(part) if is_literal else part)
     return "\n\n".join(blocks) + "\n"
@@ -92,13 +96,16 @@ def html(title: str, parts: Iterable[Part], *, meta: Mapping[str, str] | None = 
     for part in (Heading(title, 1), *parts):
         match part:
             case Heading(text, level):
-                blocks.append(f"<h{level}>{escape(text)}</h{level}>")
+                name = f' id="{part.anchor}"' if level > 1 else ""
+                blocks.append(f"<h{level}{name}>{escape(text)}</h{level}>")
             case ShellCommand(text):
                 blocks.append(f"<pre>{escape(text)}</pre>")
             case Table():
                 blocks.append(_html_table(part))
             case Picture():
                 blocks.append(_html_picture(part))
+            case InlineDrawing(caption, svg):
+                blocks.append(f"<figure>\n{svg}<figcaption>{escape(caption)}</figcaption>\n</figure>")
             case str():
                 blocks.append(f"<p>{escape(part)}</p>")
     named = "".join(f'<meta name="{escape(name)}" content="{escape(text)}">\n' for name, text in (meta or {}).items())
@@ -203,14 +210,18 @@ def _html_picture(picture: Picture) -> str:
 
 
 def _html_table(table: Table) -> str:
-    def row(cells: Iterable[str], tag: str) -> str:
-        return "<tr>" + "".join(cell(tag, column, text) for column, text in enumerate(cells)) + "</tr>"
+    def row(cells: Iterable[str], tag: str, heading: Heading | None = None) -> str:
+        return "<tr>" + "".join(cell(tag, column, text, heading) for column, text in enumerate(cells)) + "</tr>"
 
-    def cell(tag: str, column: int, text: str) -> str:
+    def cell(tag: str, column: int, text: str, heading: Heading | None) -> str:
         kind = ' class="number"' if table.is_numeric(column) else ""
-        return f"<{tag}{kind}>{escape(text)}</{tag}>"
+        shown = f"<strong>{escape(text)}</strong>" if text in table.strong else escape(text)
+        if heading is not None and column == 0:
+            shown = f'<a href="#{heading.anchor}">{shown}</a>'
+        return f"<{tag}{kind}>{shown}</{tag}>"
 
-    body = "\n".join(row(cells, "td") for cells in table.shown())
+    headings = table.headings or (None,) * len(table.rows)
+    body = "\n".join(row(cells, "td", heading) for cells, heading in zip(table.shown(), headings, strict=True))
     caption = f"<caption>{escape(table.caption)}</caption>\n" if table.name else ""
     file = f'\n<p class="file"><a href="{table.name}.csv">{table.name}.csv</a></p>' if table.name else ""
     return (

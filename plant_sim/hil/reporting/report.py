@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
-from html import escape
 from pathlib import Path
-from typing import Final
 from xml.etree import ElementTree
 
+from controller.common.document.parts import Heading, InlineDrawing, Part, Table
+from controller.common.document.rendering import html as document
 from plant_sim.common.provenance.provenance import KEY, Provenance
 from plant_sim.common.provenance.result_files import ResultFiles
 from plant_sim.hil.bench_run import CaseResult, CaseVerdict
-
-_STYLE: Final = (
-    "body{font-family:sans-serif;max-width:70em;margin:2em auto;padding:0 1em}"
-    "table{border-collapse:collapse}td,th{border:1px solid #bbb;padding:.3em .6em;text-align:left;vertical-align:top}"
-    ".failed{color:#b00020;font-weight:bold}.not-run{color:#666}"
-)
 
 
 def line(result: CaseResult) -> str:
@@ -95,28 +90,23 @@ def page(
         picture: Function that returns the SVG text of a case.
         provenance: Provenance of the results.
     """
-    rows = "\n".join(
-        f'<tr><td>{escape(each.group)}</td><td><a href="#case-{number}">{escape(each.name)}</a></td>'
-        f'<td class="{each.verdict.replace(" ", "-")}">{each.verdict}</td>'
-        f"<td>{escape(findings(each))}</td></tr>"
-        for number, each in enumerate(results)
+    headings = [Heading(f"{each.group}: {each.name}") for each in results]
+    ran = [each.verdict is not CaseVerdict.NOT_RUN for each in results]
+    cases = Table(
+        "",
+        "",
+        ("case", "verdict", "findings"),
+        tuple((heading.text, each.verdict, findings(each)) for heading, each in zip(headings, results, strict=True)),
+        headings=tuple(heading if has_run else None for heading, has_run in zip(headings, ran, strict=True)),
+        strong=(CaseVerdict.FAILED,),
     )
-    pictures = "\n".join(
-        f'<h2 id="case-{number}">{escape(each.group)}: {escape(each.name)}</h2>\n'
-        f"<p>{each.verdict}, {each.from_ms / 1_000:.1f} s to {each.to_ms / 1_000:.1f} s of plant time</p>\n"
-        f"{picture(each)}"
-        for number, each in enumerate(results)
-        if each.verdict is not CaseVerdict.NOT_RUN
-    )
-    origin = [] if provenance is None else [f"{name}: {value}" for name, value in provenance.table().rows]
-    lines = "".join(f"<li>{escape(fact)}</li>" for fact in (*facts, summary(results), *origin))
-    meta = "" if provenance is None else f'<meta name="{KEY}" content="{escape(provenance.text)}">'
-    return (
-        f'<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8">{meta}<title>{escape(about)}</title>'
-        f"<style>{_STYLE}</style></head>\n<body>\n<h1>{escape(about)}</h1>\n<ul>{lines}</ul>\n"
-        f"<table><tr><th>group</th><th>case</th><th>verdict</th><th>findings</th></tr>\n{rows}\n</table>\n"
-        f"{pictures}\n</body>\n</html>\n"
-    )
+    parts: list[Part] = [*facts, summary(results), cases]
+    for heading, each in itertools.compress(zip(headings, results, strict=True), ran):
+        seconds = f"{each.from_ms / 1_000:.1f} s to {each.to_ms / 1_000:.1f} s of plant time"
+        parts += [heading, InlineDrawing(f"{each.verdict}, {seconds}", picture(each))]
+    if provenance is None:
+        return document(about, parts)
+    return document(about, [*parts, Heading("Provenance"), provenance.table()], meta={KEY: provenance.text})
 
 
 def write(folder: Path, xml: bytes, html: str, provenance: Provenance, *, interrupted: bool = False) -> list[Path]:

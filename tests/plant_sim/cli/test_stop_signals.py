@@ -136,8 +136,8 @@ def run_command(port: int, folder: Path) -> tuple[str, ...]:
     return ("controller", "run", "--port", str(port), *retained(folder / "retentive.json"), *options)
 
 
-def controller(stdin: str, port: int, folder: Path) -> Service:
-    return Service(stdin, *run_command(port, folder), folder=folder)
+def controller(stdin: str, port: int, folder: Path, *options: str) -> Service:
+    return Service(stdin, *run_command(port, folder), *options, folder=folder)
 
 
 def assert_quiet(errors: str) -> None:
@@ -216,7 +216,7 @@ def test_a_starting_controller_ends_without_a_message(
 ) -> None:
     """The signal comes as soon as the process has its own handlers, before the command is imported."""
     with plant() as (port, reader):
-        service = stack.enter_context(controller(stdin, port, tmp_path))
+        service = stack.enter_context(controller(stdin, port, tmp_path, "--no-history"))
         service.wait_until_caught(*NUMBERS)
         for _ in range(2):
             service.stop(number)

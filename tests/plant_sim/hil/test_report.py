@@ -41,8 +41,10 @@ def test_the_page_escapes_and_links_every_case() -> None:
     assert "x&lt;y" in html
     assert "x<y" not in html
     assert html.count("<svg>") == 2  # not for the case that was not run
-    assert 'href="#case-1"' in html
-    assert 'id="case-1"' in html
+    assert '<a href="#fault-x-y">fault: x&lt;y</a>' in html
+    assert '<h2 id="fault-x-y">' in html
+    assert '<a href="#fault-z">' not in html
+    assert "<td><strong>failed</strong></td>" in html
     assert "first; second; lost 3" in html
 
 

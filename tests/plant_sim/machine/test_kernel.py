@@ -170,8 +170,8 @@ def test_exchanges_limited_by_equal_pressures(exponent: float) -> None:
 
 @pytest.mark.parametrize("seed", first_of(SHORT))
 def test_random_machines(comparison: Comparison, seed: int) -> None:
-    rig = drive_random_machine(seed, 15_000)
-    assert comparison.calls >= 1_500
+    rig = drive_random_machine(seed, 8_000)
+    assert comparison.calls >= 800
     assert np.isfinite(rig.plant.state["arms"]["lift"]["position_m"]).all()
 
 

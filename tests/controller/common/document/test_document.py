@@ -10,7 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from controller.common.document.parts import Cell, Heading, Picture, ShellCommand, Table, counted, listing
+from controller.common.document.parts import (
+    Cell,
+    Heading,
+    InlineDrawing,
+    Part,
+    Picture,
+    ShellCommand,
+    Table,
+    counted,
+    listing,
+)
 from controller.common.document.rendering import (
     aligned,
     csv_cell,
@@ -164,6 +174,38 @@ def test_html_escapes_markup_and_links_files_in_its_folder() -> None:
     assert targets == ["yield-by-foam.csv", "success.svg", "success.png", "success.data.csv"]
     cells = [attributes.get("class") for tag, attributes in page.tags if tag == "td"]
     assert cells == ["number", "number", "number", None] * 3 + [None] * 4
+
+
+LINKED = Table(
+    "",
+    "",
+    ("case", "verdict"),
+    (("stop: in <2> s", "failed"), ("guard", "passed")),
+    headings=(Heading("stop: in <2> s"), None),
+    strong=("failed",),
+)
+
+
+def test_a_row_links_to_its_heading_and_a_drawing_is_part_of_the_page() -> None:
+    drawing = InlineDrawing("a & b", '<svg viewBox="0 0 1 1"></svg>')
+    page = Page(html(TITLE, [LINKED, Heading("stop: in <2> s"), drawing]))
+    assert [attributes["href"] for tag, attributes in page.tags if tag == "a"] == ["#stop-in-2-s"]
+    assert ("h2", {"id": "stop-in-2-s"}) in page.tags
+    assert [tag for tag, _ in page.tags].count("strong") == 1
+    assert ("svg", {"viewbox": "0 0 1 1"}) in page.tags
+    assert "a & b" in page.texts
+
+
+def test_other_forms_contain_the_caption_of_a_drawing_and_no_links() -> None:
+    parts: list[Part] = [LINKED, InlineDrawing("a & b", "<svg></svg>")]
+    assert plain_text("T", parts).splitlines()[-1] == "[picture: a & b]"
+    assert markdown("T", parts).splitlines()[-1] == "a \\& b"
+    assert "| stop: in \\<2\\> s | failed |" in markdown("T", parts)
+
+
+def test_each_row_of_a_table_with_links_has_a_heading_or_none() -> None:
+    with pytest.raises(ValueError, match="1 headings for 2 rows"):
+        Table("", "", ("a",), (("1",), ("2",)), headings=(None,))
 
 
 def test_csv_has_every_digit_and_an_empty_cell_for_none() -> None:
