@@ -23,9 +23,6 @@ class CompiledRun:
     """Execution of complete ticks of one runtime and one plant in machine code.
 
     The result is the same as that of `Runtime.tick` and `IoModule.advance` in turn.
-
-    Attributes:
-        is_watched: True if the devices and triggers of the last call of `watch` are those of the twin.
     """
 
     def __init__(self, runtime: Runtime, module: IoModule, execution: MachineExecution, *, scan_ms: int) -> None:
@@ -54,7 +51,7 @@ class CompiledRun:
         self._memory_at, self._state_at = execution.region_address, plant.state.ctypes.data
         control["inputs_at"], control["outputs_at"] = layout.bit("X", 0), layout.bit("Y", 0)
         self._inputs = np.zeros(len(plant.terminals.levels), INPUT)
-        self.is_watched = False
+        self._to_watch: tuple[Callable[[], Iterable[Bit | Word]], Iterable[Trigger]] | None = None
         self._watched = np.zeros(0, WATCHED)
         self._triggers: list[Trigger] = []
         self._trigger_calls: list[tuple[Callable[..., int], int]] = []
@@ -85,10 +82,20 @@ class CompiledRun:
             and not self._plant.terminals.has_other_sensors
         )
 
-    def watch(self, devices: Iterable[Bit | Word], triggers: Iterable[Trigger]) -> None:
-        """Set the devices whose changes, and the triggers whose beginnings are reported."""
-        self.is_watched = True
-        places = sorted({place for device in devices for place in _bytes_of(device, self._layout)})
+    def watch(self, devices: Callable[[], Iterable[Bit | Word]], triggers: Iterable[Trigger]) -> None:
+        """Set the devices whose changes, and the triggers whose beginnings are reported.
+
+        Both are taken before the next scan, so that many monitors registered in a row cost no more than one.
+        """
+        self._to_watch = devices, triggers
+
+    def _take_watched(self) -> None:
+        """Take the devices and triggers of the latest call of `watch`."""
+        if self._to_watch is None:
+            return
+        devices, triggers = self._to_watch
+        self._to_watch = None
+        places = sorted({place for device in devices() for place in _bytes_of(device, self._layout)})
         self._watched = np.zeros(len(places), WATCHED)
         self._watched["at"] = places
         self._triggers = list(triggers)
@@ -113,6 +120,7 @@ class CompiledRun:
 
     def triggers_hold(self) -> list[bool]:
         """Return for each watched trigger whether its condition is true; called once in each scan in Python."""
+        self._take_watched()
         memory_at, state_at = self._memory_at, self._state_at
         return [bool(holds(memory_at, state_at, cells_at)) for holds, cells_at in self._trigger_calls]
 
@@ -138,6 +146,7 @@ class CompiledRun:
         Returns:
             Time of the controller, ms, and the reason for the end: `UNTIL`, `CONDITION` or `CHANGE`.
         """
+        self._take_watched()
         control, plant, runtime = self._control[0], self._plant, self._runtime
         control["time_ms"] = control["due_ms"] = begin_ms = plant.time_ms
         control["ahead_ms"] = ahead_ms = now_ms - begin_ms

@@ -296,7 +296,6 @@ class Twin(Watched, Readings):
                 return False
             # watchers may change anything, so that the tick is completed in Python
             observe = None if self._has_watchers else self.runtime.notify_observers
-            self._watch_in(run)
             now_ms, reason = run.ticks(stop_ms, condition, now_ms=self.now_ms, report=report, observe=observe)
             report = False
             self.clock.advance(now_ms - self.now_ms)
@@ -331,14 +330,9 @@ class Twin(Watched, Readings):
         self.clock.advance(SCAN_MS)
 
     def _on_watchers_changed(self) -> None:
-        """Note that other devices interrupt a run in machine code, and other triggers are evaluated in it."""
+        """Adapt the devices that interrupt a run in machine code to the observers and monitors."""
         if self._compiled is not None:
-            self._compiled.is_watched = False
-
-    def _watch_in(self, run: CompiledRun) -> None:
-        """Pass the devices of the observers and monitors, and the triggers, to a run in machine code."""
-        if not run.is_watched:
-            run.watch([*self._log.devices, *self._watched_devices], self._triggers)
+            self._compiled.watch(lambda: [*self._log.devices, *self._watched_devices], self._triggers)
 
     def _is_met(self, condition: Expr | Callable[[], bool] | None) -> bool:
         if condition is None or callable(condition):
@@ -349,7 +343,6 @@ class Twin(Watched, Readings):
     def _triggers_hold(self) -> list[bool]:
         run = self._executed if self._triggers else None
         if run is not None:
-            self._watch_in(run)
             return run.triggers_hold()
         return [self._interpreter.holds(trigger.condition, trigger.cells) for trigger in self._triggers]
 

@@ -40,7 +40,7 @@ SCRATCH = {
     "_inputs",
     "_parts",
     "_watched",
-    "is_watched",
+    "_to_watch",
     "_trigger_records",
     "_conditions",
     "_arguments",
