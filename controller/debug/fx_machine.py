@@ -12,8 +12,8 @@ from controller.common.errors import InputError
 from controller.common.suggestion import suggestion
 from controller.core.devices import ANNUNCIATORS, EXTENSION, Memory, device_name
 from controller.debug.condition import Condition
-from controller.debug.machine import DebugSignal, OutsideEntry, RunEvent, ScanStart, Value, copied
-from controller.debug.scan_observer import ScanObserver
+from controller.debug.fx_observer import FxScanObserver
+from controller.debug.machine import DebugSignal, OutsideEntry, RunEvent, Value
 from controller.debug.timeline import LENGTH, RunTimeline
 from controller.debug.why.program import ExplainedProgram
 from controller.fx.engine.peripherals.peripherals import Peripherals
@@ -69,9 +69,6 @@ class ProgramRun(Protocol):
     def restore(self, saved: Any) -> None:
         """Restore a state returned by `save`."""
 
-    def prepare(self) -> None:
-        """Do what precedes the next scan, if this has not been done yet."""
-
     def scan(self) -> None:
         """Run one scan."""
 
@@ -111,12 +108,6 @@ class FxMachine:
         """Devices, which the machine changes in each scan."""
         return self.running.plc.memory
 
-    def scan_start(self) -> ScanStart:
-        """Return the state in which the next scan begins."""
-        self.running.prepare()
-        plc = self.running.plc
-        return ScanStart(copied(plc.memory), list(plc.execution.activity), self.now_ms, first=plc.scans == 0)
-
     @property
     def now_ms(self) -> int:
         """Simulated time of the next scan, ms."""
@@ -129,9 +120,9 @@ class FxMachine:
         return ExplainedProgram(CrossReference(ladder), Reasons(ladder))
 
     @cached_property
-    def observer(self) -> ScanObserver:
+    def observer(self) -> FxScanObserver:
         """Observer of the scans of recorded runs."""
-        return ScanObserver(self)
+        return FxScanObserver(self)
 
     def save(self) -> Any:
         """Return the complete state."""

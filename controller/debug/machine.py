@@ -56,22 +56,6 @@ class DebugSignal:
     source: Any = None
 
 
-class ScanStart(NamedTuple):
-    """State in which a scan begins.
-
-    Attributes:
-        memory: Copy of all devices.
-        activity: Previous activity of the steps; None = not known.
-        now_ms: Time of the scan, ms.
-        first: Whether it is the first scan in RUN.
-    """
-
-    memory: Memory
-    activity: list[bool] | None
-    now_ms: int
-    first: bool
-
-
 class RunEvent(NamedTuple):
     """Event of the program.
 
@@ -122,9 +106,6 @@ class RecordedMachine(Protocol):
     @property
     def memory(self) -> Memory:
         """Devices, which the machine changes in each scan."""
-
-    def scan_start(self) -> ScanStart:
-        """Return the state in which the next scan begins, with all entries of this scan."""
 
     @property
     def now_ms(self) -> int:

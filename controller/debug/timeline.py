@@ -8,17 +8,21 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 from controller.common.errors import InputError
 from controller.debug.condition import Condition
 from controller.debug.keyframes import Packer, unpack
-from controller.debug.machine import DebugSignal, OutsideEntry, RecordedMachine, ScanStart
+from controller.debug.machine import DebugSignal, OutsideEntry, RecordedMachine
 
 LENGTH: Final = 20_000
 """Default length, scans; the complete trial of the paper has 11,350."""
 INTERVAL: Final = 50
 """Scans between two stored states: half a second of machine time is recomputed in 1 to 2 ms."""
+
+
+Start = TypeVar("Start")
+"""Result of a function at the beginning of a scan."""
 
 
 class _Keyframe(NamedTuple):
@@ -129,8 +133,15 @@ class RunTimeline:
         self._play(scan, entered, machine.run)
         machine.owner = self
 
-    def start_of(self, scan: int) -> ScanStart:
-        """Return the state in which a scan begins, and execute the scan.
+    def execute(self, scan: int, begin: Callable[[], Start]) -> Start:
+        """Call a function in the state in which a scan begins, with all its entries, and execute the scan.
+
+        Args:
+            scan: Number of the scan.
+            begin: The function; it leaves the state unchanged.
+
+        Returns:
+            The result of the function.
 
         Raises:
             InputError: The scan is not recorded.
@@ -142,7 +153,7 @@ class RunTimeline:
         machine.owner = None
         for entry in self._entries.get(machine.scan + 1, ()):
             entry.apply(machine)
-        start = machine.scan_start()
+        start = begin()
         machine.run(machine.scan + 1)
         machine.owner = self
         return start

@@ -13,7 +13,6 @@ import numpy as np
 
 from controller.debug.condition import parse_condition
 from controller.debug.machine import RunPosition
-from controller.debug.scan_observer import ScanObserver
 from controller.debug.search import condition_changes, device_changes, last
 from controller.debug.stepping import Stepper, StepUnit
 from controller.debug.timeline import LENGTH
@@ -50,7 +49,7 @@ def measure_debugger(seed: int, *, scans: int = LENGTH) -> dict[str, float]:
     device = device_changes(line, [signal(_UNUSED)])
     condition = condition_changes(line, parse_condition(_NEVER, signal))
     condition(line.last - 1, line.last)  # compiles the condition
-    stepper = Stepper(ScanObserver(line.machine))
+    stepper = Stepper(line.machine.observer)
     entered = (RunPosition(chance.randint(line.first, line.last - 1)) for _ in range(SCANS_ENTERED))
     steps_s = [_cpu_s(lambda at: stepper.forward(line, at, StepUnit.RUNG), position) for position in entered]
     return {

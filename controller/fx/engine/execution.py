@@ -19,14 +19,20 @@ class FxExecution(Protocol):
     Attributes:
         memory: All devices; E contains the stored levels for edge detection.
         activity: Row A: previous activity of the steps.
+        driven: Row B: activity of each operation with a drive state.
         leaving: Row L: states that a transfer has left in this scan.
         registers: Row W.
     """
 
     memory: Memory
     activity: list[bool]
+    driven: list[bool]
     leaving: list[bool]
     registers: list[int]
+
+    @property
+    def functions(self) -> Functions:
+        """Functions of the instructions that Python executes."""
 
     def save(self) -> Any:
         """Return a copy of the memory that `ObjectState` does not find; None if there is none."""

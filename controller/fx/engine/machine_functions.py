@@ -53,8 +53,10 @@ class MachineFunctions:
     Attributes:
         memory: All devices.
         activity: Row A.
+        driven: Row B.
         leaving: Row L.
         registers: Row W.
+        functions: Functions of the instructions that Python executes.
         scan: Function that executes the program, given the address of the memory region and the time in ms.
         address: Address of the memory region.
     """
@@ -65,10 +67,11 @@ class MachineFunctions:
         rows = self._region.rows
         self.memory = self._region.memory
         self.activity: list[bool] = rows["A"]
+        self.driven: list[bool] = rows["B"]
         self.leaving: list[bool] = rows["L"]
         self.registers: list[int] = rows["W"]
         self.scan, self.address = self._code.scan, self._region.address
-        self._functions: Functions = {}
+        self.functions: Functions = {}
         self._exception: BaseException | None = None
         self._callback = _CALLBACK(self._execute)
         self.registers[CALLBACK] = ctypes.cast(self._callback, ctypes.c_void_p).value or 0
@@ -83,7 +86,7 @@ class MachineFunctions:
 
     def link(self, functions: Functions) -> None:
         """Set the functions of the instructions that Python executes."""
-        self._functions = functions
+        self.functions = functions
 
     def run(self, now_ms: int) -> None:
         """Execute the program from step 0 to END."""
@@ -109,7 +112,7 @@ class MachineFunctions:
     def _execute(self, index: int, drive: int) -> int:
         """Execute an operation; -1 stops the machine code, because an exception cannot pass through it."""
         try:
-            function = self._functions[index]
+            function = self.functions[index]
             result = function() if drive < 0 else function(bool(drive))
         except BaseException as exception:  # noqa: BLE001 - raised again by `run`
             self._exception = exception

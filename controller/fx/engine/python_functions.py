@@ -49,7 +49,7 @@ from controller.fx.engine.code import (
     subroutine_name,
 )
 from controller.fx.engine.cpu import call_error, watchdog_error
-from controller.fx.engine.execution import Functions
+from controller.fx.engine.execution import Functions, FxExecution
 
 INDENT: Final = "    "
 _ROWS: Final = (*BIT_ROWS, *WORD_ROWS, *OBSERVED_ROWS)
@@ -63,20 +63,30 @@ class PythonFunctions:
     Attributes:
         memory: All devices.
         activity: Row A.
+        driven: Row B.
         leaving: Row L.
         registers: Row W.
+        functions: Functions of the instructions that Python executes.
         records: Rows in which an observed program records; None = the instruction has not been executed.
     """
 
-    def __init__(self, program: TranslatedProgram) -> None:
-        self.memory = Memory.of_size(program.cpu.sizes, program.edges)
-        self.activity = [False] * program.steps
-        self.leaving = [False] * program.cpu.sizes["S"]
-        self.registers = [0] * EXECUTION_REGISTERS
+    def __init__(self, program: TranslatedProgram, shared: FxExecution | None = None) -> None:
+        """Translate a program into functions.
+
+        Args:
+            program: The program.
+            shared: Another execution of the program, on whose rows the functions operate; None = on rows of their own.
+        """
+        self.memory = Memory.of_size(program.cpu.sizes, program.edges) if shared is None else shared.memory
+        self.activity = [False] * program.steps if shared is None else shared.activity
+        self.driven = [False] * program.levels if shared is None else shared.driven
+        self.leaving = [False] * program.cpu.sizes["S"] if shared is None else shared.leaving
+        self.registers = [0] * EXECUTION_REGISTERS if shared is None else shared.registers
+        self.functions: Functions = {}
         self.records: dict[str, list[bool | None]] = {row: [None] * program.observed for row in OBSERVED_ROWS}
         rows = {
             "A": self.activity,
-            "B": [False] * program.levels,
+            "B": self.driven,
             "L": self.leaving,
             "W": self.registers,
         } | self.records
@@ -99,6 +109,7 @@ class PythonFunctions:
 
     def link(self, functions: Functions) -> None:
         """Set the functions of the instructions that Python executes."""
+        self.functions = functions
         self._space.update({_function_name(i): function for i, function in functions.items()})
 
     def run(self, now_ms: int) -> None:

@@ -1,14 +1,19 @@
-"""PLC whose scans are observed: the translated program of the engine, with the statements that record."""
+"""Observed scans: the translated program of the engine, with the statements that record.
+
+An observed program runs in a PLC of its own, which continues from the devices of another one, or for single scans in
+place of the execution of a PLC, whose complete state it then has.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any, Final
 
 from controller.core.devices import Memory
 from controller.fx.engine.code import CONTACT_RECORD, POWER_RECORD, ZONE_RECORD
-from controller.fx.engine.execution import Functions
+from controller.fx.engine.execution import Functions, FxExecution
 from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.python_functions import PythonFunctions
 from controller.fx.engine.translate import translate
@@ -20,11 +25,22 @@ _ERROR_REGISTERS: Final = (8067, 8069, 8004)
 
 
 class ObservedFunctions(PythonFunctions):
-    """Execution of a program that records its contacts and its power; its devices are those of `PythonFunctions`."""
+    """Execution of a program that records its contacts and its power."""
 
-    def __init__(self, ladder: Ladder) -> None:
+    def __init__(self, ladder: Ladder, shared: FxExecution | None = None) -> None:
+        """Translate a program.
+
+        Args:
+            ladder: Parsed program.
+            shared: Execution of the same program on whose rows this one operates; None = on rows of its own.
+
+        Raises:
+            LadderError: The program contains a part that the engine does not support.
+        """
         self._program = translate(ladder, observed=True)
-        super().__init__(self._program)
+        self._instructions = ladder.instructions
+        self._kinds = [(each.name, is_contact(each), is_output(each)) for each in ladder.instructions]
+        super().__init__(self._program, shared)
 
     def link(self, functions: Functions) -> None:
         """Set the functions of the instructions that Python executes, and their trials."""
@@ -35,6 +51,25 @@ class ObservedFunctions(PythonFunctions):
         """Clear the records."""
         for row in self.records.values():
             row[:] = [None] * len(row)
+
+    def was_executed(self, at: int) -> bool:
+        """Return whether an instruction was executed in the last scan."""
+        power, zone = self.records[POWER_RECORD][at], self.records[ZONE_RECORD][at]
+        return bool(_executed(self._instructions[at].name, power, zone))
+
+    @property
+    def observation(self) -> ScanObservation:
+        """The last scan, as executed."""
+        records = self.records
+        powers, zones = tuple(records[POWER_RECORD]), records[ZONE_RECORD]
+        executed, contacts, coils = [], [], []
+        rows = zip(self._kinds, records[CONTACT_RECORD], powers, zones, strict=True)
+        for (name, contact, output), value, power, zone in rows:
+            ran = _executed(name, power, zone)
+            executed.append(ran)
+            contacts.append(value if ran and contact else None)
+            coils.append(power if output else None)
+        return ScanObservation(ObservedAt.AS_EXECUTED, tuple(executed), tuple(contacts), powers, tuple(coils))
 
     def _trial(self, function: Callable[..., int | None]) -> Callable[[], bool]:
         """Return a function that evaluates a comparison and leaves the error devices unchanged."""
@@ -70,7 +105,6 @@ class ObservedPlc(FxPlc):
             LadderError: The program contains a part that the engine does not support.
         """
         self._functions = ObservedFunctions(ladder)
-        self._kinds = [(each.name, is_contact(each), is_output(each)) for each in ladder.instructions]
         super().__init__(ladder, execution=lambda _: self._functions, **options)
 
     def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
@@ -98,24 +132,28 @@ class ObservedPlc(FxPlc):
         self.execution.activity[:] = [True] * steps if activity is None else activity
         self.scans = 0 if first else max(1, self.scans)
 
-    def was_executed(self, at: int) -> bool:
-        """Return whether an instruction was executed in the last scan."""
-        records = self._functions.records
-        return bool(_executed(self.ladder.instructions[at].name, records[POWER_RECORD][at], records[ZONE_RECORD][at]))
+    @property
+    def records(self) -> ObservedFunctions:
+        """Records of the last scan."""
+        return self._functions
 
     @property
     def observation(self) -> ScanObservation:
         """The last scan, as executed."""
-        records = self._functions.records
-        powers, zones = tuple(records[POWER_RECORD]), records[ZONE_RECORD]
-        executed, contacts, coils = [], [], []
-        rows = zip(self._kinds, records[CONTACT_RECORD], powers, zones, strict=True)
-        for (name, contact, output), value, power, zone in rows:
-            ran = _executed(name, power, zone)
-            executed.append(ran)
-            contacts.append(value if ran and contact else None)
-            coils.append(power if output else None)
-        return ScanObservation(ObservedAt.AS_EXECUTED, tuple(executed), tuple(contacts), powers, tuple(coils))
+        return self._functions.observation
+
+
+@contextmanager
+def observed(plc: FxPlc, records: ObservedFunctions) -> Iterator[None]:
+    """Let a PLC record its scans: its execution is replaced by `records`, which operates on its rows."""
+    execution = plc.execution
+    records.link(execution.functions)
+    records.forget()
+    plc.execution = records
+    try:
+        yield
+    finally:
+        plc.execution = execution
 
 
 _WITHOUT_RECORD: Final = frozenset({"NOP", "NEXT", "SRET", "IRET", "FEND", "END", "I"})

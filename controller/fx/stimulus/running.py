@@ -90,13 +90,13 @@ class StimulusRun(Saved):
 
     def scan(self) -> None:
         """Set the device values that are due, and run one scan."""
-        self.prepare()
+        self._prepare()
         plc = self.plc
         plc.scan(self.now_ms, self._terminals())
         self.now_ms += max(self._scan_ms, plc.constant_scan_ms)
 
-    def prepare(self) -> None:
-        """Set the device values that are due before the next scan, if this has not been done yet."""
+    def _prepare(self) -> None:
+        """Set the device values that are due before the next scan."""
         plc = self.plc
         while self._next is not None and self._next[0] <= self.now_ms:
             at_ms, values = self._next

@@ -119,7 +119,7 @@ class LiveScanObserver:
             if not self._plc.running:
                 return LiveScan(scan, end, None)
             if before is not after:
-                read = [at for at in unknown if self._plc.was_executed(at)]
+                read = [at for at in unknown if self._plc.records.was_executed(at)]
         hidden = self._hidden + self._named(read)
         differing = tuple(self._differing(scan.memory))
         return LiveScan(scan, end, self._plc.observation, scans[-2].memory, differing, hidden)

@@ -14,8 +14,8 @@ from controller.core.expr import Bit, Compare, Expr, Word, all_of, any_of
 from controller.core.machine_code import MachineExecution
 from controller.core.memory_layout import WORD_BYTES
 from controller.debug.condition import Condition, SignalComparison, SignalContact, SignalInverse, SignalJoined
-from controller.debug.machine import DebugSignal, OutsideEntry, RunEvent, ScanStart, Value, copied
-from controller.debug.scan_observer import ScanObserver
+from controller.debug.machine import DebugSignal, OutsideEntry, RunEvent, Value, copied
+from controller.debug.scan_observer import ScanStart, TranslatedScanObserver
 from controller.events.kinds import as_sentence
 from controller.export.instruction_list import SCRATCH
 from controller.fx.language.instruction import Ladder
@@ -65,9 +65,9 @@ class TwinMachine:
         return TwinProgram(self.twin)
 
     @cached_property
-    def observer(self) -> ScanObserver:
+    def observer(self) -> TranslatedScanObserver:
         """Observer of the scans of recorded runs."""
-        return ScanObserver(self)
+        return TranslatedScanObserver(self)
 
     @property
     def execution(self) -> MachineExecution:
@@ -106,7 +106,7 @@ class TwinMachine:
                 memory.bits(device.kind)[device.number] = bool(value)
             else:
                 memory.set_word(device.kind, device.number, value)
-        return ScanStart(memory, None, self.now_ms, first=plc.scans == 0)
+        return ScanStart(memory, self.now_ms, first=plc.scans == 0)
 
     @property
     def region(self) -> np.ndarray:

@@ -34,7 +34,7 @@ class PlantRun:
     Attributes:
         plc: The PLC.
         module: I/O module of the plant.
-        now_ms: Time that the plant has reached: that of the last scan, and after `prepare` of the next one, ms.
+        now_ms: Time of the last scan, which the plant has reached, ms; before the first scan, its time.
         held: Levels by X number that are applied to terminals in place of those of the plant.
     """
 
@@ -44,21 +44,21 @@ class PlantRun:
         self.now_ms = 0
         self.held: dict[int, bool] = {}
         self._clock = clock
-        self._is_due = True
-        """Whether the plant has reached the time of the next scan."""
+        self._is_first = True
+        """Whether the next scan is the first one, before which the plant does not advance."""
 
     def scanned(self, now_ms: int) -> None:
         """Take over a scan that the trial has executed."""
-        self.now_ms, self._is_due = now_ms, False
+        self.now_ms, self._is_first = now_ms, False
 
     def save(self) -> Any:
         """Return the complete state."""
-        own = self.now_ms, dict(self.held), self._is_due
+        own = self.now_ms, dict(self.held), self._is_first
         return own, self.plc.save(), self.module.plant.save(), self.module.save()
 
     def restore(self, saved: Any) -> None:
         """Restore a state returned by `save`."""
-        (self.now_ms, held, self._is_due), plc, plant, module = saved
+        (self.now_ms, held, self._is_first), plc, plant, module = saved
         self.held = dict(held)
         self.plc.restore(plc)
         self.module.plant.restore(plant)
@@ -67,25 +67,20 @@ class PlantRun:
     @property
     def next_ms(self) -> int:
         """Time of the next scan, ms."""
-        return self.now_ms if self._is_due else self.now_ms + self._clock.next_ms(self.plc)
-
-    def prepare(self) -> None:
-        """Advance the plant to the next scan, if this has not been done yet."""
-        if self._is_due:
-            return
-        next_ms = self.next_ms
-        self._clock.advance(self.module, self.plc, self.now_ms, next_ms - self.now_ms)
-        self.now_ms, self._is_due = next_ms, True
+        return self.now_ms if self._is_first else self.now_ms + self._clock.next_ms(self.plc)
 
     def scan(self) -> None:
         """Advance the plant, and run one scan."""
-        self.prepare()
+        if not self._is_first:
+            next_ms = self.next_ms
+            self._clock.advance(self.module, self.plc, self.now_ms, next_ms - self.now_ms)
+            self.now_ms = next_ms
         levels = list(self.module.inputs())
         for number, level in self.held.items():
             levels[number] = level
         image = self.plc.scan(self.now_ms, levels)
         self.module.write_outputs(0, image[: self.module.io_map.output_count])
-        self._is_due = False
+        self._is_first = False
 
     def put(self, values: Values) -> None:
         """Set device values in memory."""

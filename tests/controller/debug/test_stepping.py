@@ -8,8 +8,7 @@ import pytest
 
 from controller.common.errors import InputError
 from controller.debug.commands import Debugger
-from controller.debug.machine import RunPosition, ScanStart
-from controller.debug.scan_observer import ScanObserver
+from controller.debug.machine import RunPosition
 from controller.debug.stepping import Stepper, StepUnit, last_of
 from controller.debug.timeline import RunTimeline
 from tests.controller.debug.step_program import on, recorded
@@ -22,7 +21,7 @@ def line(tmp_path: Path) -> RunTimeline:
 
 def positions(line: RunTimeline, unit: StepUnit) -> list[RunPosition]:
     """Return every position of a run, from its beginning on."""
-    stepper, found = Stepper(ScanObserver(line.machine)), [RunPosition(line.first)]
+    stepper, found = Stepper(line.machine.observer), [RunPosition(line.first)]
     while (following := stepper.forward(line, found[-1], unit)) != found[-1]:
         found.append(following)
     return found
@@ -32,14 +31,14 @@ def positions(line: RunTimeline, unit: StepUnit) -> list[RunPosition]:
 def test_steps_back_are_the_steps_forward_in_reverse(unit: StepUnit, line: RunTimeline) -> None:
     there = positions(line, unit)
     assert {scan for scan, _ in there} == set(range(line.last + 1))
-    stepper, back = Stepper(ScanObserver(line.machine)), [there[-1]]
+    stepper, back = Stepper(line.machine.observer), [there[-1]]
     while (before := stepper.back(line, back[-1], unit)) != back[-1]:
         back.append(before)
     assert back == there[::-1]
 
 
 def test_a_rung_of_a_step_is_entered_only_while_the_step_is_active(line: RunTimeline) -> None:
-    rungs = Stepper(ScanObserver(line.machine)).reference
+    rungs = Stepper(line.machine.observer).reference
     motor = next(at for at, each in enumerate(line.machine.ladder.instructions) if str(each) == "OUT Y1")
     entered = [scan + 1 for scan, at in positions(line, StepUnit.RUNG) if at == rungs.rungs[rungs.rung_at(motor)].first]
     off = {scan + 1 for scan in on(line, "Y1") if scan < line.last}  # the scan after is executed without power
@@ -53,21 +52,21 @@ def test_a_rung_behind_a_jump_is_skipped(line: RunTimeline) -> None:
 
 
 def test_every_scan_is_recomputed_as_it_was(line: RunTimeline) -> None:
-    observer = ScanObserver(line.machine)
+    observer = line.machine.observer
     assert [observer.observe(line, scan).differing for scan in range(1, line.last + 1)] == [()] * line.last
     with pytest.raises(InputError, match="not recorded"):
         observer.observe(line, line.last + 1)
 
 
 def test_a_scan_that_is_not_the_recorded_one_is_named(line: RunTimeline, monkeypatch: pytest.MonkeyPatch) -> None:
-    observer, whole = ScanObserver(line.machine), line.machine.scan_start
+    observer = line.machine.observer
+    run = observer.records.run
 
-    def damaged() -> ScanStart:
-        start = whole()
-        start.memory.CV[0] = 7
-        return start
+    def damaged(now_ms: int) -> None:
+        run(now_ms)
+        observer.records.memory.CV[0] = 7
 
-    monkeypatch.setattr(line.machine, "scan_start", damaged)
+    monkeypatch.setattr(observer.records, "run", damaged)
     assert observer.observe(line, 20).differing == ("C0",)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from controller.debug.scan_observer import ScanObserver
 from controller.debug.timeline import RunTimeline
+from controller.fx.observation.hidden_state import hidden_instructions
 from plant_sim.faults import parse_fault
 from plant_sim.twin.debug.recorder import TwinRecorder
 from plant_sim.twin.lock_step import Twin
@@ -29,7 +29,7 @@ def line() -> RunTimeline:
 
 
 def test_a_scan_of_the_ladder_is_that_of_the_machine_whatever_enters(line: RunTimeline) -> None:
-    observer = ScanObserver(line.machine)
+    observer = line.machine.observer
     scans = sorted({scan + after for scan in line.entry_scans() for after in (0, 1) if scan < line.last})
     assert len(scans) > 15
     for scan in scans:
@@ -38,6 +38,10 @@ def test_a_scan_of_the_ladder_is_that_of_the_machine_whatever_enters(line: RunTi
         line.seek(line.first)
         line.seek(scan)
         assert line.machine.image("") == executed, scan
+
+
+def test_the_ladder_has_no_state_but_its_devices(line: RunTimeline) -> None:
+    assert list(hidden_instructions(line.machine.ladder)) == []
 
 
 def test_an_editor_stops_at_a_position_of_the_plant_and_sees_its_values(line: RunTimeline) -> None:
