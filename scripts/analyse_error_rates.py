@@ -1,8 +1,9 @@
-"""False alarms of ``study analyse``, by simulation.
+"""False alarms and power of ``study analyse``, by simulation.
 
-``python -m scripts.analyse_error_rates`` prints the table of docs/statistics.md. No factor has an effect. Seedlings of
-a tray of 72 are correlated as in `scripts.error_rates`. The tests are those of the command, for many tables at once; a
-test compares their P values with those of CSV files that the command reads.
+``python -m scripts.analyse_error_rates`` prints the tables of docs/statistics.md. For the false alarms, no factor has
+an effect. For the power, the losses are a quarter higher at the high level of a factor, and a quarter lower at its low
+level. Seedlings of a tray of 72 are correlated as in `scripts.error_rates`. The tests are those of the command, for
+many tables at once; a test compares their P values with those of CSV files that the command reads.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ BLOCK_SHARES: Final = (0.07, 0.09)
 PLOT_SHARE: Final = 0.08
 PLOT_CORRELATION: Final = 0.02
 """Mean share of losses of the whole plots, and correlation of two seedlings of different trials of one plot."""
+EFFECT: Final = 0.25
+"""Relative change of the losses from the middle to a level of a factor, for the power."""
 TABLES: Final = 4000
 _PLOTS, _FOAMS_MM, _AGES_D = 8, (8, 8, 16, 16), (45, 55)
 _POINTS: Final = np.vstack([box_behnken(3, centres=3)] * 2)
@@ -68,20 +71,42 @@ class FactorTest:
         return np.asarray(stats.f.sf(f, terms, degrees))
 
 
-def block_losses(seedlings: int, correlation: float, tables: int, rng: np.random.Generator) -> Array:
-    """Return the losses of a Box-Behnken design in two blocks of different losses, one table per row."""
-    return seedlings * simulated(np.repeat(BLOCK_SHARES, len(_POINTS) // 2), seedlings, correlation, tables, rng)
+def block_losses(
+    seedlings: int, correlation: float, tables: int, rng: np.random.Generator, effect: float = 0.0
+) -> Array:
+    """Return the losses of a Box-Behnken design in two blocks of different losses, one table per row.
+
+    Args:
+        seedlings: Seedlings of a trial, whole trays.
+        correlation: Correlation of two seedlings of a tray.
+        tables: Number of tables.
+        rng: Random generator.
+        effect: Relative change of the losses from the middle to a level of the first factor.
+    """
+    shares = np.repeat(BLOCK_SHARES, len(_POINTS) // 2) * (1 + effect * _POINTS[:, 0])
+    return seedlings * simulated(shares, seedlings, correlation, tables, rng)
 
 
-def plot_losses(seedlings: int, correlation: float, tables: int, rng: np.random.Generator) -> Array:
-    """Return the losses of whole plots, each of one age and with a share of losses of its own, one table per row."""
+def plot_losses(
+    seedlings: int, correlation: float, tables: int, rng: np.random.Generator, effect: float = 0.0
+) -> Array:
+    """Return the losses of whole plots, each of one age and with a share of losses of its own, one table per row.
+
+    The arguments are those of `block_losses`, with an effect of each factor.
+    """
     strength = (1 - PLOT_CORRELATION) / PLOT_CORRELATION
     shares = rng.beta(PLOT_SHARE * strength, (1 - PLOT_SHARE) * strength, (tables, _PLOTS))
-    of_trials = shares.repeat(len(_FOAMS_MM), axis=1)
+    of_trials = shares.repeat(len(_FOAMS_MM), axis=1) * np.prod(1 + effect * _plot_factors(), axis=1)
     return seedlings * np.vstack([simulated(each, seedlings, correlation, 1, rng) for each in of_trials])
 
 
-LOSSES: Final[Mapping[str, Callable[[int, float, int, np.random.Generator], Array]]] = {
+def _plot_factors() -> Array:
+    """Return the coded age and foam of each trial of the whole plots."""
+    ages = np.array([-1.0, 1.0] * (_PLOTS // 2)).repeat(len(_FOAMS_MM))
+    return np.column_stack([ages, np.tile([-1.0, -1.0, 1.0, 1.0], _PLOTS)])
+
+
+LOSSES: Final[Mapping[str, Callable[..., Array]]] = {
     "blocks": block_losses,
     "whole plots": plot_losses,
 }
@@ -100,9 +125,8 @@ def factor_tests(design: str) -> tuple[FactorTest, ...]:
     ages = np.array([[-1.0], [1.0]] * (_PLOTS // 2))
     between = model_matrix(ages, [CONSTANT, "X1"])
     plots = block_columns(np.repeat(np.arange(_PLOTS), len(_FOAMS_MM)).tolist())
-    foam = np.tile([-1.0, -1.0, 1.0, 1.0], _PLOTS)[:, np.newaxis]
-    factors = np.hstack([ages.repeat(len(_FOAMS_MM), axis=0), foam])
-    within = np.hstack([np.ones_like(foam), plots])
+    factors = _plot_factors()
+    within = np.hstack([np.ones((len(factors), 1)), plots])
     return (
         FactorTest("factors between whole plots", between[:, :1], between, pure_matrix(ages), len(_FOAMS_MM)),
         FactorTest(
@@ -153,11 +177,11 @@ def p_values_of_file(path: Path, design: str, link: Link) -> dict[str, float]:
 
 
 def rejections(
-    design: str, seedlings: int, correlation: float, tables: int, seed: int = 1
+    design: str, seedlings: int, correlation: float, tables: int, *, effect: float = 0.0, seed: int = 1
 ) -> dict[str, dict[str, int]]:
-    """Return by link in how many tables without any effect each test rejects at the nominal 5 %."""
+    """Return by link in how many tables each test rejects at the nominal 5 %."""
     rng = np.random.default_rng((seed, DESIGNS.index(design), seedlings, round(1000 * correlation)))
-    lost = LOSSES[design](seedlings, correlation, tables, rng)
+    lost = LOSSES[design](seedlings, correlation, tables, rng, effect)
     return {
         link: {
             test.name: int(np.count_nonzero(test.p_values(lost, seedlings, link) < NOMINAL))
@@ -167,12 +191,14 @@ def rejections(
     }
 
 
-def rows(tables: int) -> list[tuple[str, ...]]:
-    """Return the rows of the table of false alarms, with a column for each correlation."""
+def rows(tables: int, effect: float = 0.0) -> list[tuple[str, ...]]:
+    """Return the rows of the table of false alarms, or of power, with a column for each correlation."""
     cells: dict[tuple[str, ...], list[str]] = {}
     for design, seedlings, correlation in itertools.product(DESIGNS, SEEDLINGS, CORRELATIONS):
-        for link, found in rejections(design, seedlings, correlation, tables).items():
+        for link, found in rejections(design, seedlings, correlation, tables, effect=effect).items():
             for test, count in found.items():
+                if effect and test == "lack of fit":
+                    continue  # the model of the test contains the effect
                 low, high = stats.binomtest(count, tables).proportion_ci(method="exact")
                 rate = f"{100 * count / tables:.1f} ({100 * low:.1f} to {100 * high:.1f})"
                 cells.setdefault((design, test, link, f"{seedlings:,}"), []).append(rate)
@@ -186,13 +212,15 @@ def _link(name: str) -> Link:
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(
         prog="python -m scripts.analyse_error_rates", description=__doc__, allow_abbrev=False
     )
     parser.add_argument("--tables", type=int, default=TABLES, help=f"simulated tables of each kind (default: {TABLES})")
     heading = ("design", "test", "link", "seedlings", *(f"correlation {each:g}" for each in CORRELATIONS))
-    sys.stdout.write(table(heading, rows(parser.parse_args().tables)) + "\n")
+    tables = parser.parse_args().tables
+    for title, effect in (("false alarms", 0.0), ("power", EFFECT)):
+        sys.stdout.write(f"{title}, %\n\n{table(heading, rows(tables, effect))}\n\n")
 
 
 if __name__ == "__main__":

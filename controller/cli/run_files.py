@@ -65,7 +65,7 @@ def memory_until_end(
         except OSError as error:
             raise InputError(f"--retain {options.retain}: {error.strerror}; choose a writable file") from error
         yield store
-    except InputError:
+    except (InputError, OSError):
         if not figures.scans:
             files.remove()
         raise

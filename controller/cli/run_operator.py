@@ -94,10 +94,10 @@ def operator_interfaces(
     """Connect the runtime to event output, history, alarm list, console and Modbus server."""
     machine = runtime.machine
     with ExitStack() as stack:
-        printer = EventWriter(options.events, sys.stdout)
+        printer = EventWriter(options.events, sys.stdout, options.language)
         stack.callback(printer.close)
         scan_ms = None if options.simulated_time else options.scan_ms
-        field = FieldReport(devices, machine, printer.write, options.language, scan_ms=scan_ms)
+        field = FieldReport(devices, machine, printer.write, scan_ms=scan_ms)
         runtime.observers.append(field)
         receivers: list[Callable[[Event | AlarmChange], None]] = [printer.write]
         edges = CycleEdges(machine)
@@ -115,8 +115,8 @@ def operator_interfaces(
             if history is not None:
                 history.audit(peer, who, what, value, result, runtime.now_ms)
 
-        runtime.observers.append(ProductionLog(machine, publish, options.language))
-        alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, publish, options.language)
+        runtime.observers.append(ProductionLog(machine, publish))
+        alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, publish)
         runtime.observers.append(alarms)
         runtime.observers.append(_OutputReport(runtime, printer))
         if _has_server(options):

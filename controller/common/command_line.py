@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import importlib
 import importlib.metadata
 import os
@@ -261,6 +262,11 @@ def _reported(name: str, command: Callable[[StopRequest], int], stop: StopReques
         if hint is None:
             raise
         sys.stderr.write(f"{name}: {hint}\n")
+        return USAGE_ERROR
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:  # which also the first look at a file can raise
+            raise
+        sys.stderr.write(f"{error.filename}: {error.strerror}; specify a shorter one\n")
         return USAGE_ERROR
     except KeyboardInterrupt:
         return INTERRUPTED

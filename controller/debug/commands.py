@@ -231,7 +231,7 @@ class Debugger:
             yield f"scan {scan}: {told}"
         self.line.seek(self.line.last)
         for event in self.line.machine.events():
-            yield f"{event.at_ms / 1000:.2f} s: {event.text}"
+            yield f"{event.at_ms / 1000:.2f} s: {event.text.en}"
 
     def _branch(self, text: str) -> Iterator[str]:
         change = parse_change(text)

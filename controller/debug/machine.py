@@ -10,6 +10,7 @@ from controller.core.devices import Memory
 from controller.debug.condition import Condition
 from controller.fx.language.instruction import Ladder
 from controller.fx.language.operand_rules import Key
+from controller.program.texts.operator import Text
 
 
 def copied(memory: Memory) -> Memory:
@@ -67,7 +68,7 @@ class RunEvent(NamedTuple):
 
     at_ms: int
     kind: str
-    text: str
+    text: Text
 
 
 class OutsideEntry(Protocol):

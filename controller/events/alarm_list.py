@@ -18,7 +18,7 @@ from controller.events.alarm_load import AlarmLoad, is_activation
 from controller.events.alarm_states import AlarmState
 from controller.program.alarms.table import Alarm, Severity
 from controller.program.texts.alarms.handling import ALARM_REFUSALS
-from controller.program.texts.operator import Language, Text
+from controller.program.texts.operator import Text
 
 LONGEST_SHELF_MS: Final = 8 * 3_600_000
 """Longest shelving time, ms: one shift, so that each shift makes its own decision."""
@@ -70,7 +70,7 @@ class AlarmChange:
     before: AlarmState
     after: AlarmState
     by: str | None
-    text: str
+    text: Text
     shelved_until_ms: int | None = None
     event: str = "alarm_state"
 
@@ -174,7 +174,6 @@ class AlarmList:
         alarms: Iterable[Alarm],
         first_out: Word,
         report: Callable[[AlarmChange], None],
-        language: Language = "en",
     ) -> None:
         """Create the list for the alarms of a program.
 
@@ -182,12 +181,10 @@ class AlarmList:
             alarms: Alarm table.
             first_out: Word with the number of the first annunciator that stopped work; 0 = none.
             report: Listener that receives every change, in order, in the thread of the scan.
-            language: Language of the reported messages.
         """
         self._entries = {alarm.bit.number: _AlarmEntry(alarm) for alarm in alarms}
         self._first_out_word = first_out
         self._report = report
-        self._language: Language = language
         self._actions: deque[Callable[[int], None]] = deque()
         self._listed: set[int] = set()
         self._first_out = 0
@@ -312,8 +309,8 @@ class AlarmList:
             self._listed.add(number)
         if is_activation(before, entry.state):
             entry.activations = self._load.announce(number, now_ms)
-        text = getattr(alarm.text, self._language)
-        self._report(AlarmChange(now_ms, number, alarm.key, before, entry.state, by, text, entry.shelved_until_ms))
+        until_ms = entry.shelved_until_ms
+        self._report(AlarmChange(now_ms, number, alarm.key, before, entry.state, by, alarm.text.message, until_ms))
 
     def _sorted_rows(self) -> tuple[AlarmRow, ...]:
         rows = [

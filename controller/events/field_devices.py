@@ -12,7 +12,7 @@ from controller.events.kinds import AlarmEvent, Event
 from controller.events.response_times import ResponseTimes
 from controller.program.machine import Transplanter
 from controller.program.texts.field import FIELD_CHANGES, NAMED, FieldChange
-from controller.program.texts.operator import Language
+from controller.program.texts.operator import Text
 
 E = TypeVar("E", bound=Event | AlarmChange)
 _PAIRS: Final[tuple[tuple[FieldChange, FieldChange], ...]] = (
@@ -37,7 +37,7 @@ class FieldEvent:
     at_ms: int
     device: str
     change: FieldChange
-    text: str
+    text: Text
     detail: str = ""
     event: str = "field"
 
@@ -70,7 +70,6 @@ class FieldReport:
         devices: FieldDevices,
         machine: Transplanter,
         report: Callable[[FieldEvent], None],
-        language: Language = "en",
         *,
         scan_ms: int | None = None,
     ) -> None:
@@ -80,7 +79,6 @@ class FieldReport:
             devices: Devices of the field I/O.
             machine: Program and its tags.
             report: Listener that receives every event.
-            language: Language of the texts.
             scan_ms: Scan period with which the times of the answers are compared, ms; None = they are not, because a
                 response takes no simulated time.
         """
@@ -88,7 +86,6 @@ class FieldReport:
         self._alarm = machine.alarms.link_lost.number
         self._lost = machine.tags.system.link_lost
         self._report = report
-        self._language = language
         self._times = None if scan_ms is None else ResponseTimes(scan_ms)
         self._gaps: tuple[str, ...] = ()
         self._shown: dict[FieldChange, frozenset[str]] = {begin: frozenset() for begin, _ in _PAIRS}
@@ -120,7 +117,7 @@ class FieldReport:
         self._gaps = gaps or (self._gaps if is_lost else ())
 
     def _tell(self, now_ms: int, name: str, change: FieldChange, detail: str = "") -> None:
-        text = getattr(FIELD_CHANGES[change], self._language).format(device=name)
+        text = FIELD_CHANGES[change].filled(device=Text.plain(name))
         self._report(FieldEvent(now_ms, name, change, text, detail))
 
     def named(self, event: E) -> E:
@@ -131,5 +128,5 @@ class FieldReport:
         devices = ", ".join(faulty)
         if not devices:
             return event
-        text = getattr(NAMED, self._language).format(message=event.text, devices=devices)
+        text = NAMED.filled(message=event.text, devices=Text.plain(devices))
         return replace(event, text=text)

@@ -1,11 +1,16 @@
-"""Production events: states, alarms, questions, rows, cycles, trays, modes, refusals and what to do now."""
+"""Production events: states, alarms, questions, rows, cycles, trays, modes, refusals and what to do now.
+
+An event carries its texts in both languages; whoever writes it selects one.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Literal
+from dataclasses import Field, asdict, dataclass
+from typing import Any, ClassVar, Literal, Protocol
 
 from controller.program.tags import Side
+from controller.program.texts.events import CAUSES, EVENTS
+from controller.program.texts.operator import NO_TEXT, SIDES, Language, Text
 
 GapCause = Literal["none", "tray", "centre", "row"]
 """Cause of missed cups: the arm waited for a tray or for the other arm to leave the centre, or the arm's own motion
@@ -26,9 +31,9 @@ class StateEvent:
 
     at_ms: int
     state: int
-    text: str
-    reason: str = ""
-    next_press: str = ""
+    text: Text
+    reason: Text = NO_TEXT
+    next_press: Text = NO_TEXT
     event: str = "state"
 
 
@@ -39,7 +44,7 @@ class AlarmEvent:
     at_ms: int
     number: int
     active: bool
-    text: str
+    text: Text
     event: str = "alarm"
 
 
@@ -50,7 +55,7 @@ class QuestionEvent:
     at_ms: int
     question: str
     active: bool
-    text: str
+    text: Text
     event: str = "question"
 
 
@@ -109,7 +114,7 @@ class ModeEvent:
 
     at_ms: int
     mode: int
-    text: str
+    text: Text
     event: str = "mode"
 
 
@@ -128,8 +133,8 @@ class RefusalEvent:
     at_ms: int
     command: str
     reason: int
-    text: str
-    next_press: str = ""
+    text: Text
+    next_press: Text = NO_TEXT
     event: str = "refusal"
 
 
@@ -145,7 +150,7 @@ class NextPressEvent:
 
     at_ms: int
     press: int
-    text: str
+    text: Text
     event: str = "next"
 
 
@@ -162,47 +167,65 @@ Event = (
 )
 
 
-def as_record(event: Event) -> dict[str, object]:
-    """Return an event as a flat record for a file or a pipe."""
-    return asdict(event)
+class EventRecord(Protocol):
+    """Event that can be written as a record: a dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
 
-def as_sentence(event: Event) -> str:
+def as_record(event: EventRecord, language: Language = "en") -> dict[str, Any]:
+    """Return an event as a flat record for a file or a pipe, with its texts in one language."""
+    return {
+        name: getattr(value, language) if isinstance(value, Text) else value for name, value in asdict(event).items()
+    }
+
+
+def as_sentence(event: Event) -> Text:
     """Return an event in words, without its time.
 
     Examples:
-        >>> as_sentence(AlarmEvent(0, 911, True, "left arm not up after clamping"))
-        'alarm S911 on: left arm not up after clamping'
-        >>> as_sentence(StateEvent(0, 4, "Idle", next_press="press X0 to start"))
-        'state Idle; now: press X0 to start'
+        >>> as_sentence(AlarmEvent(0, 911, True, Text("left arm not up", "左臂未上升"))).en
+        'alarm S911 on: left arm not up'
+        >>> as_sentence(StateEvent(0, 4, Text("Idle", "待机"), next_press=Text("press X0 to start", "按 X0 启动"))).zh
+        '状态 待机；下一步：按 X0 启动'
     """
     match event:
         case StateEvent():
-            reason = f", reason {event.reason}" if event.reason else ""
-            return f"state {event.text}{reason}{_now(event.next_press)}"
+            reason = EVENTS["reason"].filled(reason=event.reason) if event.reason.en else NO_TEXT
+            return _joined(EVENTS["state"].filled(state=event.text), reason, _then(event.next_press))
         case AlarmEvent():
-            return f"alarm S{event.number} {_level(event.active)}: {event.text}"
+            key = "alarm_on" if event.active else "alarm_off"
+            return EVENTS[key].filled(number=Text.plain(f"S{event.number}"), message=event.text)
         case QuestionEvent():
-            return f"question {'asked' if event.active else 'answered'}: {event.text}"
+            return EVENTS["asked" if event.active else "answered"].filled(message=event.text)
         case CycleEvent():
-            missed = f", {event.missed_cups} cups missed ({event.gap_cause})" if event.missed_cups else ""
-            times = f"{event.cycle_ms / 1000:.2f} s, of which {event.waiting_ms / 1000:.2f} s waiting for cups"
-            return f"cycle of the {event.side} arm with row {event.row} completed in {times}{missed}"
+            return _joined(_cycle(event), _missed(event))
         case RowEvent():
-            return f"row {event.rows} of the {event.side} arm released over the cups"
+            return EVENTS["row"].filled(row=Text.plain(event.rows), side=SIDES[event.side])
         case TrayEvent():
-            return f"tray {event.trays_done} emptied"
+            return EVENTS["tray"].filled(number=Text.plain(event.trays_done))
         case ModeEvent():
-            return f"mode {event.text}"
+            return EVENTS["mode"].filled(mode=event.text)
         case RefusalEvent():
-            return f"refused: {event.text}{_now(event.next_press)}"
+            return _joined(EVENTS["refused"].filled(message=event.text), _then(event.next_press))
         case NextPressEvent():
-            return f"now: {event.text}" if event.text else "now: no press is required"
+            return EVENTS["now"].filled(press=event.text) if event.text.en else EVENTS["nothing"]
 
 
-def _now(press: str) -> str:
-    return f"; now: {press}" if press else ""
+def _cycle(event: CycleEvent) -> Text:
+    cycle, waiting = (Text.plain(f"{time_ms / 1000:.2f}") for time_ms in (event.cycle_ms, event.waiting_ms))
+    return EVENTS["cycle"].filled(side=SIDES[event.side], row=Text.plain(event.row), cycle=cycle, waiting=waiting)
 
 
-def _level(active: bool) -> str:
-    return "on" if active else "off"
+def _missed(event: CycleEvent) -> Text:
+    if event.gap_cause == "none":
+        return NO_TEXT
+    return EVENTS["missed"].filled(count=Text.plain(event.missed_cups), cause=CAUSES[event.gap_cause])
+
+
+def _then(press: Text) -> Text:
+    return _joined(EVENTS["then"], EVENTS["now"].filled(press=press)) if press.en else NO_TEXT
+
+
+def _joined(*parts: Text) -> Text:
+    return Text("".join(part.en for part in parts), "".join(part.zh for part in parts))

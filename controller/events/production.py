@@ -28,7 +28,7 @@ from controller.program.operator.next_press import what_to_do
 from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import HOLDS, Mode, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
-from controller.program.texts.operator import MODES, QUESTIONS, REASONS, STATES, Language
+from controller.program.texts.operator import MODES, NO_TEXT, QUESTIONS, REASONS, STATES, Text
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
 _MIN_WAIT_MS: Final = 50
@@ -119,24 +119,22 @@ class ProductionLog(Saved):
 
     SAVED = ("_alarms", "_line_from", "_mode", "_questions", "_refusals", "_rows", "_state", "_told_line", "_trays")
 
-    def __init__(self, machine: Transplanter, report: Callable[[Event], None], language: Language = "en") -> None:
+    def __init__(self, machine: Transplanter, report: Callable[[Event], None]) -> None:
         """Create the log for a machine.
 
         Args:
             machine: Program and its tags.
             report: Listener that receives every event, in order.
-            language: Language of the texts.
         """
         self._machine = machine
         self._report = report
-        self._language: Language = language
         self._state = 0
         self._trays: int | None = None
         self._rows: dict[Side, int] = {}
         self._mode: int | None = None
         self._refusals = 0
         self._line_from: tuple[int, ...] = ()
-        self._told_line = ""
+        self._told_line = NO_TEXT
         self._alarms: list[int] = []
         self._questions: list[str] = []
         self._cycles = [_CycleTimer(machine, side) for side in SIDES]
@@ -206,25 +204,24 @@ class ProductionLog(Saved):
         mode, refusals = words[machine.mode.number], words[machine.refusals.number]
         if mode != self._mode:
             if self._mode is not None or mode != Mode.CONTINUOUS:  # at power-up, a mode that was retained
-                self._report(ModeEvent(now_ms, mode, getattr(MODES[mode], self._language)))
+                self._report(ModeEvent(now_ms, mode, MODES[mode]))
             self._mode = mode
         if refusals != self._refusals:
             self._refusals = refusals
             command = self._machine.tags.commands.numbered(plc.read(machine.refused))
             reason = Refusal(plc.read(machine.refusal))
-            text = refusal_text(command, reason, self._language)
+            text = refusal_text(command, reason)
             self._report(RefusalEvent(now_ms, command.name, reason, text, self._line(plc)))
 
     def _state_event(self, now_ms: int, plc: Plc, state: int) -> StateEvent:
-        reason = ""
+        reason = NO_TEXT
         if state in (State.SUSPENDING, State.SUSPENDED, *HOLDS):
-            reason = getattr(REASONS[plc.read(self._machine.tags.machine.reason)], self._language)
-        return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason, self._line(plc))
+            reason = REASONS[plc.read(self._machine.tags.machine.reason)]
+        return StateEvent(now_ms, state, STATES[state], reason, self._line(plc))
 
-    def _line(self, plc: Plc) -> str:
+    def _line(self, plc: Plc) -> Text:
         """Return the line that says what to do now; empty if no press is required."""
-        line = what_to_do(self._machine.tags, self._machine.alarms, plc.read)
-        return "" if line is None else str(getattr(line, self._language))
+        return what_to_do(self._machine.tags, self._machine.alarms, plc.read) or NO_TEXT
 
     def _report_rows(self, now_ms: int, plc: Plc) -> None:
         """Report the rows released in this scan, one event for each arm."""
@@ -253,12 +250,12 @@ class ProductionLog(Saved):
             self._report(AlarmEvent(now_ms, number, number in alarms, self._alarm_text(number, plc)))
         self._alarms = alarms
 
-    def _alarm_text(self, number: int, plc: Plc) -> str:
+    def _alarm_text(self, number: int, plc: Plc) -> Text:
         alarms = self._machine.alarms
         text = alarms.of(number).text.message
         if number == alarms.constants.number:
             text = warning_text(text, self._machine.tags.sp, plc.read)
-        return str(getattr(text, self._language))
+        return text
 
     def _report_questions(self, now_ms: int, plc: Plc) -> None:
         relays = plc.memory.M
@@ -268,5 +265,5 @@ class ProductionLog(Saved):
         for name in sorted({*questions} ^ {*self._questions}):
             side, _, kind = name.partition("_")
             text = QUESTIONS[kind or side].of(SIDE_TEXTS.get(side))
-            self._report(QuestionEvent(now_ms, name, name in questions, getattr(text, self._language)))
+            self._report(QuestionEvent(now_ms, name, name in questions, text))
         self._questions = questions

@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import os
 import queue
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TextIO
 
 from controller.common.supervision.failures import counted, drop
 from controller.common.supervision.threads import supervised
 from controller.events.alarm_list import AlarmChange
 from controller.events.field_devices import FieldEvent
-from controller.events.kinds import Event
+from controller.events.kinds import Event, as_record
+from controller.program.texts.operator import Language
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,15 +67,17 @@ Written = Event | AlarmChange | ServingEvent | McServingEvent | OutputsEvent | F
 class EventWriter:
     """Event writer in a background thread; a slow or disconnected reader does not delay the scan."""
 
-    def __init__(self, form: str, out: TextIO) -> None:
+    def __init__(self, form: str, out: TextIO, language: Language = "en") -> None:
         """Start the thread.
 
         Args:
             form: "json" for one object per line, otherwise text.
+            language: Language of the texts.
             out: File or pipe with a file descriptor; it is redirected to the null device after a write error.
         """
         self._form = form
         self._out = out
+        self._language: Language = language
         self._is_closed = False
         self._events: queue.SimpleQueue[Written | None] = queue.SimpleQueue()
         self._thread = supervised("events", self._work)
@@ -95,7 +98,7 @@ class EventWriter:
                 drop("events")
                 continue
             with counted("events"):
-                self._write(asdict(event))
+                self._write(as_record(event, self._language))
 
     def _write(self, record: dict[str, object]) -> None:
         try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from typing import Final
 
 from controller.events.alarm_list import AlarmChange
@@ -19,7 +18,9 @@ from controller.events.kinds import (
     RowEvent,
     StateEvent,
     TrayEvent,
+    as_record,
 )
+from controller.program.texts.operator import Language
 
 LONGEST_TEXT: Final = 1_000
 """Maximum length of an external text, characters."""
@@ -27,8 +28,10 @@ LONGEST_TEXT: Final = 1_000
 EdgesOf = Callable[[CycleEvent], Sequence[Edge]]
 
 
-def values_of(event: Event | AlarmChange, edges_of: EdgesOf) -> tuple[str, tuple[str | int | None, ...]]:
-    """Return the table of an event and the values of the columns specific to that table."""
+def values_of(
+    event: Event | AlarmChange, edges_of: EdgesOf, language: Language
+) -> tuple[str, tuple[str | int | None, ...]]:
+    """Return the table of an event and the values of the columns specific to that table, in one language."""
     number: int
     details: tuple[str, ...] = ()
     match event:
@@ -40,7 +43,7 @@ def values_of(event: Event | AlarmChange, edges_of: EdgesOf) -> tuple[str, tuple
                 event.before.value,
                 event.after.value,
                 by,
-                event.text,
+                getattr(event.text, language),
                 event.shelved_until_ms,
             )
         case CycleEvent():
@@ -70,7 +73,7 @@ def values_of(event: Event | AlarmChange, edges_of: EdgesOf) -> tuple[str, tuple
             number = event.press
         case _:
             raise TypeError(f"no history table for {event}")
-    record = asdict(event)
+    record = as_record(event, language)
     detail = {name: record[name] for name in details if record[name] != ""}
     return "events", (event.event, number, record.get("text", ""), json_text(detail))
 

@@ -69,7 +69,7 @@ class HistoryWriter:
             program: Name of the machine's program.
             version: Version of the controller.
             edges_of: Function that returns the edges of a cycle in the scan that ends it, such as `CycleEdges.of`.
-            language: Language of the texts added by the writer; events already contain their texts.
+            language: Language of the texts.
             limit_bytes: Maximum size of the file including its write-ahead log, bytes.
             limit_days: Maximum age of a row when another one is written, days of the wall clock.
             max_pending: Maximum number of queued rows; further rows are dropped and counted.
@@ -112,7 +112,7 @@ class HistoryWriter:
         An `AlarmEvent` is ignored: the alarm list reports the same transitions, including operator actions.
         """
         if not isinstance(event, AlarmEvent):
-            table, values = values_of(event, self._edges_of)
+            table, values = values_of(event, self._edges_of, self._language)
             self._put(HistoryRow(table, self._wall_ms(), event.at_ms, values), urgent=table == "alarms")
 
     def audit(self, peer: str, who: str, what: str, value: str, result: str, at_ms: int) -> None:  # noqa: PLR0917

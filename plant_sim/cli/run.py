@@ -126,7 +126,7 @@ def _fast(options: argparse.Namespace) -> int:
             rule=rule_of(options, options.trays),
             stop=options.stop,
             language=options.language or "en",
-            prepare=show_progress(view, options.trays),
+            prepare=show_progress(view, options.trays, options.language or "en"),
         )
         _write(options, files, report)
     print("\n".join([*changed_machine(options), report.text()]), flush=True)

@@ -132,7 +132,7 @@ def run_line(
         rows,
         fed,
         SeedlingBalance(arms.twin.plant.counts(), arms.seedlings_tracked, arms.seedlings_passed),
-        tuple(dict.fromkeys(event.text for event in arms.twin.alarm_events() if event.active)),
+        tuple(dict.fromkeys(event.text.en for event in arms.twin.alarm_events() if event.active)),
         profile,
         slip,
         sensor=arms.sensor,

@@ -10,15 +10,18 @@ from __future__ import annotations
 import json
 import queue
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from controller.common.files.state_folder import state_folder
 from controller.common.stop_request import INTERRUPTED, StopRequest
+from controller.history.file import LIMIT_BYTES, LIMIT_DAYS
+from controller.history.writer import HISTORY_NAME
 from controller.program.states import State
+from plant_sim.common.kept_folder import KeptFolder
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.machine.parameters import load_machine
 from plant_sim.twin.commissioning import constants_file, needs_confirmation
@@ -54,6 +57,7 @@ class LiveOptions:
         pace: Speed of simulated time at the start, percent.
         by_hand: True if only the user presses the buttons.
         users: File of the panel's passwords.
+        folder: Folder of the folders of all live runs, each of which has the memory, history and trends of one.
         max_ms: Longest machine time, ms; None = the default, and no limit by hand.
         waits: True if the trial waits for an operator in any case.
     """
@@ -73,7 +77,8 @@ class LiveOptions:
     real_time: bool = False
     pace: int = 100
     by_hand: bool = False
-    users: Path = Path("var/panel-users.json")
+    users: Path = field(default_factory=lambda: state_folder() / "panel-users.json")
+    folder: Path = field(default_factory=lambda: state_folder() / "trials")
     max_ms: int | None = None
     waits: bool = False
 
@@ -96,13 +101,15 @@ def live_trial(options: LiveOptions, view: ProgressView, stop: StopRequest | Non
         stop: Request to stop, which may have been made before; None = only signals from now on.
 
     Raises:
+        InputError: The folder of the run cannot be created.
         ChildError: The plant could not start.
         KeyboardInterrupt: The request to stop was made, or a signal arrived, during the start.
     """
     with ExitStack() as stack:
         interrupts = stack.enter_context(Interrupts(stop))
         interrupts.check()
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
+        kept = KeptFolder(options.folder, record=HISTORY_NAME, limit_days=LIMIT_DAYS, limit_bytes=LIMIT_BYTES)
+        folder = stack.enter_context(kept).path
         plant = stack.enter_context(Process("plant", _serve(options)))
         listening = plant.next_line(START_LIMIT_S)
         if listening is None:
@@ -176,7 +183,7 @@ def _panel(o: LiveOptions, folder: Path, port: int, hmi_port: int) -> list[str]:
         "--controller",
         f"127.0.0.1:{hmi_port}",
         "--history",
-        str(folder / "history.sqlite"),
+        str(folder / HISTORY_NAME),
         "--trends",
         str(folder / "panel-trends.sqlite"),
         "--telemetry",

@@ -21,7 +21,6 @@ from controller.io.runtime import Runtime
 from controller.program.machine import Transplanter
 from controller.program.operator.start_warning import warning_ms
 from controller.program.states import State
-from controller.program.texts.operator import Language
 from plant_sim.faults import Fault
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
@@ -92,7 +91,6 @@ class Twin(Watched, Readings):
         step_by_step: bool = False,
         machine: Transplanter | None = None,
         misfit: bool = False,
-        language: Language = "en",
     ) -> None:
         """Power up a machine in its initial position, with the controller in Stopped.
 
@@ -106,7 +104,6 @@ class Twin(Watched, Readings):
             step_by_step: True to execute the program and every tick in Python; the results are the same.
             machine: Program and its tags, for the same I/O map; None = the program of the I/O map.
             misfit: True to permit constants that do not fit the machine, in order to show what they do.
-            language: Language of the texts in the events.
 
         Raises:
             FaultError: A fault is not possible in this plant.
@@ -123,7 +120,6 @@ class Twin(Watched, Readings):
         self.events: list[Event] = []
         self.store = MemoryStore()
         self._step_by_step = step_by_step
-        self._language: Language = language
         self._set_points = set_points_of(self.parameters) | dict(set_points or {})
         if not misfit:
             check_fit(self.machine, self.parameters, self._set_points)
@@ -146,7 +142,7 @@ class Twin(Watched, Readings):
         self._link.open()
         self._writer = DirectRetentiveWriter(self.store)
         self.runtime = Runtime(self.machine, plc, self._link, self._writer)
-        self._log = ProductionLog(self.machine, self.events.append, self._language)
+        self._log = ProductionLog(self.machine, self.events.append)
         self.runtime.observers.append(self._log)
         if isinstance(execution, MachineExecution):
             self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)

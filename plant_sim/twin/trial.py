@@ -59,7 +59,7 @@ def run_trial(
         provenance: Provenance that the recording carries.
         rule: Rule by which the trial ends; None = without an operator, and with the default time limit.
         stop: Request to stop the trial; None = none.
-        language: Language of the events.
+        language: Language of the events in the report.
         prepare: Function that is called before the run, to register monitors.
 
     Returns:
@@ -79,12 +79,11 @@ def run_trial(
         parameters=parameters,
         set_points={**(set_points or {}), "trays_target": trays},
         faults=faults,
-        language=language,
     )
     in_last_tray = 0 if seedlings is None else seedlings % TRAY_CELLS
     if in_last_tray:
         twin.plant.seedlings.fill_in_pick_order(trays - 1, in_last_tray)
-    trial = _Trial(twin, rule or EndingRule(default_max_ms(trays)), stop, ends_at_last=bool(in_last_tray))
+    trial = _Trial(twin, rule or EndingRule(default_max_ms(trays)), stop, language, ends_at_last=bool(in_last_tray))
     if prepare is not None:
         prepare(twin)
     with recorded(twin, record, seed=seed, provenance=provenance):
@@ -109,11 +108,14 @@ class _Trial:
         reported: Events so far.
     """
 
-    def __init__(self, twin: Twin, rule: EndingRule, stop: StopRequest | None, *, ends_at_last: bool) -> None:
+    def __init__(
+        self, twin: Twin, rule: EndingRule, stop: StopRequest | None, language: Language, *, ends_at_last: bool
+    ) -> None:
         self.reported = ReportedEvents()
         self._twin = twin
         self._rule = rule
         self._stop = stop
+        self._language: Language = language
         self._ends_at_last = ends_at_last
 
     def run(self) -> TrialEnd:
@@ -127,7 +129,7 @@ class _Trial:
             twin.run_for(START_PAUSE_MS)
             self._press_start()
             ending = self._until(State.COMPLETE)
-        _read(self._twin, self.reported)
+        _read(self._twin, self.reported, self._language)
         return TrialEnd(None, "") if ending is None else ending
 
     def _press_start(self) -> None:
@@ -149,7 +151,7 @@ class _Trial:
 
     def _ending(self) -> TrialEnd | None:
         """Return the end of the trial; None if it goes on."""
-        _read(self._twin, self.reported)
+        _read(self._twin, self.reported, self._language)
         if self._stop is not None and self._stop.is_set():
             return TrialEnd(None, INTERRUPTED)
         reported = self.reported
@@ -162,18 +164,18 @@ class _Trial:
         return not (counts.in_tray or counts.in_claw) and self.reported.are_back
 
 
-def show_progress(view: ProgressView, trays: int) -> Callable[[Twin], None]:
+def show_progress(view: ProgressView, trays: int, language: Language = "en") -> Callable[[Twin], None]:
     """Return a function that makes a twin show the progress of its trial once per simulated second."""
     reported = ReportedEvents()
 
     def show(twin: Twin) -> None:
-        _read(twin, reported)
+        _read(twin, reported, language)
         view.show(progress_of(reported, twin.plant.counts(), elapsed_s=twin.now_ms / 1000, trays=trays))
 
     return lambda twin: twin.every(PROGRESS_MS, show)
 
 
-def _read(twin: Twin, reported: ReportedEvents) -> None:
-    """Read the events since the last call."""
+def _read(twin: Twin, reported: ReportedEvents, language: Language) -> None:
+    """Read the events since the last call, in a language."""
     for event in twin.events[len(reported.events) :]:
-        reported.apply(as_record(event))
+        reported.apply(as_record(event, language))

@@ -38,7 +38,7 @@ def measure_history(seed: int, *, for_ms: int = HOUR_MS) -> dict[str, float]:
     def record(event: Event | AlarmChange) -> None:
         nonlocal cycles
         if not isinstance(event, AlarmEvent):
-            table, values = values_of(event, edges.of)
+            table, values = values_of(event, edges.of, "en")
             pending.append(HistoryRow(table, twin.now_ms, event.at_ms, values))
             cycles += isinstance(event, CycleEvent)
 

@@ -1,4 +1,4 @@
-"""False alarms of ``study analyse``: the simulated tests are those of the command, and err as often as stated."""
+"""Error rates of ``study analyse``: the simulated tests are those of the command, and err as often as stated."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import pytest
 from scipy import stats
 
 from scripts.analyse_error_rates import (
+    BLOCK_SHARES,
     DESIGNS,
+    EFFECT,
     LINKS,
     LOSSES,
     TABLES,
@@ -19,7 +21,7 @@ from scripts.analyse_error_rates import (
     p_values_of_file,
     rejections,
 )
-from scripts.error_rates import CORRELATIONS, SEEDLINGS
+from scripts.error_rates import CORRELATIONS, NOMINAL, SEEDLINGS, TRAY
 
 FEW_TABLES = 200
 LEAST, MOST = 0.035, 0.07
@@ -58,3 +60,25 @@ def test_tables_without_an_effect_raise_the_nominal_false_alarms(
         for test, count in found.items():
             assert count >= stats.binom.ppf(0.001, tables, LEAST), (link, test)
             assert count <= stats.binom.ppf(0.999, tables, MOST), (link, test)
+
+
+@pytest.mark.parametrize(
+    ("correlation", "tables"),
+    [(0.01, FEW_TABLES), *(pytest.param(each, TABLES, marks=pytest.mark.nightly) for each in CORRELATIONS)],
+)
+def test_the_power_is_that_of_the_noncentral_f_distribution(correlation: float, tables: int) -> None:
+    """By hand for 144 seedlings: 16 of the 30 trials have the factor at a level, which changes their losses.
+
+    The distribution takes the variance of all trials as that of the mean share of losses.
+    """
+    share, seedlings = sum(BLOCK_SHARES) / 2, 144
+    dispersion = 1 + (TRAY - 1) * correlation
+    noncentrality = 16 * seedlings * (share * EFFECT) ** 2 / (share * (1 - share) * dispersion)
+    (factors,) = (test for test in factor_tests("blocks") if test.name == "factors")
+    terms = factors.matrix.shape[1] - factors.without.shape[1]
+    degrees = len(factors.matrix) - factors.pure.shape[1]
+    expected = stats.ncf.sf(stats.f.isf(NOMINAL, terms, degrees), terms, degrees, noncentrality)
+    assert 0.1 < expected < 0.7
+    for link, found in rejections("blocks", seedlings, correlation, tables, effect=EFFECT).items():
+        spread = 3.3 * np.sqrt(expected * (1 - expected) / tables)
+        assert found["factors"] / tables == pytest.approx(expected, abs=0.03 + spread), link

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -16,9 +17,10 @@ class NewFiles:
         self._folders = {folder for path in paths for folder in path.parents if not folder.exists()}
 
     def remove(self) -> None:
-        """Remove the noted files, and the noted folders that are empty."""
+        """Remove the noted files, and the noted folders that are empty; what cannot be removed is left."""
         for path in self._files:
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                path.unlink()
         for folder in sorted(self._folders, reverse=True):  # a folder comes after those that it contains
-            if folder.is_dir() and not any(folder.iterdir()):
+            with suppress(OSError):  # not empty
                 folder.rmdir()

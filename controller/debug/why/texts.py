@@ -105,8 +105,8 @@ SENTENCES: Final = {
     "not actuated": Text("{name} is not actuated", "{name} 未操作"),
     "part": Text("{part} {at} mm (on: {low}..{high} mm)", "{part} {at} mm（接通范围：{low}..{high} mm）"),
     "part with air": Text(
-        "{part} {at} mm (on: {low}..{high} mm), {plus}/{minus} bar",
-        "{part} {at} mm（接通范围：{low}..{high} mm），{plus}/{minus} bar",
+        "{part} {at} mm (on: {low}..{high} mm), {plus}/{minus} bar, supply {supply} bar",
+        "{part} {at} mm（接通范围：{low}..{high} mm），{plus}/{minus} bar，气源 {supply} bar",
     ),
     "plant": Text(
         "{name} is {level} since scan {scan}, {time}; {plant}", "{name} 自扫描 {scan}（{time}）起{level}；{plant}"

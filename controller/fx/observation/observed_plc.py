@@ -38,7 +38,6 @@ class ObservedFunctions(PythonFunctions):
             LadderError: The program contains a part that the engine does not support.
         """
         self._program = translate(ladder, observed=True)
-        self._instructions = ladder.instructions
         self._kinds = [(each.name, is_contact(each), is_output(each)) for each in ladder.instructions]
         super().__init__(self._program, shared)
 
@@ -55,7 +54,7 @@ class ObservedFunctions(PythonFunctions):
     def was_executed(self, at: int) -> bool:
         """Return whether an instruction was executed in the last scan."""
         power, zone = self.records[POWER_RECORD][at], self.records[ZONE_RECORD][at]
-        return bool(_executed(self._instructions[at].name, power, zone))
+        return bool(_executed(self._kinds[at][0], power, zone))
 
     @property
     def observation(self) -> ScanObservation:

@@ -151,7 +151,7 @@ def _check_kept(line: RunTimeline, scan: int) -> None:
 
 def _marks(line: RunTimeline) -> list[dict[str, Any]]:
     """Return what entered the run, and the events of the program, by scan."""
-    marks = [{"scan": scan, "kind": "entry", "text": text} for scan, text in line.told_entries()]
+    marks = [{"scan": scan, "kind": "entry", "text": {"en": text, "zh": text}} for scan, text in line.told_entries()]
     line.seek(line.first)
     begun_ms = line.machine.now_ms
     line.seek(line.last)
@@ -159,5 +159,5 @@ def _marks(line: RunTimeline) -> list[dict[str, Any]]:
     for event in line.machine.events():
         scan = line.first + 1 + (event.at_ms - begun_ms) * (line.last - line.first) // length_ms
         if line.first < scan <= line.last:
-            marks.append({"scan": scan, "kind": event.kind, "text": event.text})
+            marks.append({"scan": scan, "kind": event.kind, "text": event.text._asdict()})
     return sorted(marks, key=lambda mark: mark["scan"])

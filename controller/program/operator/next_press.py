@@ -162,7 +162,7 @@ def what_to_do(tags: Tags, alarms: Iterable[Alarm], read: Callable[[Bit | Word],
 
 def refused_text(command: Command, reason: Refusal, line: Text | None) -> Text:
     """Return the message of a refused command: the reason, and the line that says what to do now, if there is one."""
-    text = Text(refusal_text(command, reason, "en"), refusal_text(command, reason, "zh"))
+    text = refusal_text(command, reason)
     return text if line is None else NEXT.filled(text=text, press=line)
 
 

@@ -16,7 +16,7 @@ from controller.program.operator.buttons import released
 from controller.program.operator.commands import Command
 from controller.program.states import HOMED_FROM, MODE_CHANGES, RUNNING, STOPPABLE, Mode, State
 from controller.program.tags import FORGOTTEN, IN_PLACE, SIDES, Side, Tags
-from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS, Language
+from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS, Text
 
 
 class Refusal(IntEnum):
@@ -320,7 +320,6 @@ def _only_in(reason: Refusal, tags: Tags, *states: State) -> Obstacle:
     return Obstacle(reason, all_of(*(tags.machine.state.differs(state) for state in states)))
 
 
-def refusal_text(command: Command, reason: Refusal, language: Language) -> str:
+def refusal_text(command: Command, reason: Refusal) -> Text:
     """Return the message for the operator, for example 'cannot start: left lift not down'."""
-    order, why, form = (getattr(text, language) for text in (ORDERS[command.group], REFUSALS[reason.name], CANNOT))
-    return str(form.format(order=order, reason=why))
+    return CANNOT.filled(order=ORDERS[command.group], reason=REFUSALS[reason.name])

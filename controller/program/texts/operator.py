@@ -16,6 +16,11 @@ class Text(NamedTuple):
     en: str
     zh: str
 
+    @classmethod
+    def plain(cls, value: object) -> Text:
+        """Return a value that is the same in both languages, such as a number or a name."""
+        return cls(str(value), str(value))
+
     def of(self, side: Text | None) -> Text:
         """Return the text with the side name filled in, or the unchanged text if `side` is None."""
         return self if side is None else self.filled(side=side)
@@ -26,6 +31,7 @@ class Text(NamedTuple):
         return Text(self.en.format(**en), self.zh.format(**zh))
 
 
+NO_TEXT: Final = Text("", "")
 SIDES: Final = {"left": Text("left", "左"), "right": Text("right", "右")}
 
 _STATES: Final = {

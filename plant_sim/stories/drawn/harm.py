@@ -162,8 +162,8 @@ def _signal(event: Event, machine: Transplanter) -> tuple[int, str] | None:
     if isinstance(event, AlarmEvent) and event.active:
         name = _telling(event.number, machine)
         return (event.at_ms, name) if name else None
-    if isinstance(event, StateEvent) and event.state == State.SUSPENDED and event.reason:
-        return event.at_ms, f"suspended: {event.reason}"
+    if isinstance(event, StateEvent) and event.state == State.SUSPENDED and event.reason.en:
+        return event.at_ms, f"suspended: {event.reason.en}"
     return None
 
 

@@ -183,7 +183,8 @@ class PlantCauses(ExplainedProgram):
             if name.rpartition(".")[2] not in ("lift", "slide"):
                 return sentence("part", **words)
             ends = {end: signal(f"{name}.{end}.chamber.pressure_pa") / 1e5 for end in ("plus", "minus")}
-            return sentence("part with air", **words, **{end: f"{bar:.1f}" for end, bar in ends.items()})
+            bars = {**ends, "supply": signal("air.network.manifold.pressure_pa") / 1e5}
+            return sentence("part with air", **words, **{name: f"{bar:.1f}" for name, bar in bars.items()})
         if tag in ("tray_front_edge", "magazine_empty"):
             return _measured("conveyor.belt", f"{1000 * signal('conveyor.belt_m'):.0f} mm")
         if tag == "air_pressure_ok":

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
 from typing import Any
 
 import pytest
@@ -14,6 +13,7 @@ from hypothesis import strategies as st
 
 from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmChange, AlarmList, AlarmRefusalError
 from controller.events.alarm_states import AlarmState
+from controller.events.kinds import as_record
 from controller.program.texts.alarms.messages import ALARMS
 from tests.controller.core.core_rig import PATIENT_S, THOROUGH
 from tests.controller.events.alarm_rig import (
@@ -106,7 +106,7 @@ def test_every_change_is_reported_once_with_operator_and_time() -> None:
         rig.scan(EMPTY)
     for _ in range(2):
         rig.scan()
-    message = "Tray magazine empty"
+    message = ALARMS["magazine_empty"].message
     assert rig.changes == [
         AlarmChange(10, EMPTY, "magazine_empty", NORMAL, UNACKNOWLEDGED, None, message),
         AlarmChange(30, EMPTY, "magazine_empty", UNACKNOWLEDGED, ACKNOWLEDGED, "Li", message),
@@ -116,9 +116,8 @@ def test_every_change_is_reported_once_with_operator_and_time() -> None:
 
 def test_changes_are_flat_records_in_the_selected_language() -> None:
     rig = AlarmRig()
-    rig.list = AlarmList(SMALL, FIRST_OUT, rig.changes.append, "zh")
     rig.scan(EMPTY)
-    record = asdict(rig.changes[0])
+    record = as_record(rig.changes[0], "zh")
     assert json.loads(json.dumps(record)) == record
     assert (record["event"], record["before"], record["after"]) == ("alarm_state", "normal", "unacknowledged")
     assert record["text"] == ALARMS["magazine_empty"].message.zh

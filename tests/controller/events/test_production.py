@@ -29,6 +29,8 @@ from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import ROWS, SIDES, Side
 from controller.program.texts.next_press import NEXT_PRESSES
+from controller.program.texts.operator import QUESTIONS, Text
+from controller.program.texts.operator import SIDES as SIDE_TEXTS
 from plant_sim.faults import parse_fault
 from plant_sim.twin.ending.reported import ReportedEvents
 from plant_sim.twin.lock_step import Twin
@@ -85,7 +87,7 @@ def test_each_state_is_reported_once_in_order() -> None:
     s = State
     twin = tray_run().twin
     assert states(twin) == [s.STOPPED, s.RESETTING, s.IDLE, s.STARTING, s.EXECUTE, s.COMPLETING, s.COMPLETE]
-    texts = [event.text for event in twin.events if isinstance(event, StateEvent)]
+    texts = [event.text.en for event in twin.events if isinstance(event, StateEvent)]
     assert texts == ["Stopped", "Resetting", "Idle", "Starting", "Execute", "Completing", "Complete"]
 
 
@@ -280,14 +282,14 @@ def test_a_mode_change_and_a_refusal_with_its_reason_are_reported() -> None:
         twin.scan()
     reported = [event for event in twin.events if isinstance(event, ModeEvent | RefusalEvent)]
     assert reported == [
-        ModeEvent(20, Mode.MANUAL, "manual"),
-        ModeEvent(30, Mode.ONE_CYCLE, "one cycle"),
+        ModeEvent(20, Mode.MANUAL, Text("manual", "手动")),
+        ModeEvent(30, Mode.ONE_CYCLE, Text("one cycle", "单周期")),
         RefusalEvent(
             50,
             "start",
             Refusal.NOT_IDLE,
-            "cannot start: the machine is not in Idle or Suspended",
-            "press X0 to reset and home (mode: one cycle)",
+            Text("cannot start: the machine is not in Idle or Suspended", "无法启动：机器不在待机或暂挂状态"),
+            Text("press X0 to reset and home (mode: one cycle)", "按 X0 复位并回原点（模式：单周期）"),
         ),
     ]
 
@@ -297,8 +299,6 @@ def test_a_mode_change_and_a_refusal_with_its_reason_are_reported() -> None:
 
 def test_an_alarm_is_reported_when_it_is_set_and_when_it_is_reset() -> None:
     twin = at_work({"trays_target": 1})
-    chinese: list[Event] = []
-    twin.runtime.observers.append(ProductionLog(twin.machine, chinese.append, "zh"))
     until_picking(twin, "left", 1)
     limit = twin.machine.cycles["left"].steps[1].watch
     assert limit is not None
@@ -310,34 +310,29 @@ def test_an_alarm_is_reported_when_it_is_set_and_when_it_is_reset() -> None:
     twin.press("start")
     twin.run_until_state(State.RESETTING, within_ms=50)
     went_ms = twin.now_ms - 10
-    text = "left slide did not reach the row"
+    text = Text("left slide did not reach the row", "左滑块未到达取苗位")
     number = limit.alarm.number
     assert twin.alarm_events() == [
         AlarmEvent(came_ms, number, active=True, text=text),
         AlarmEvent(went_ms, number, active=False, text=text),
     ]
-    assert [event.text for event in chinese if isinstance(event, AlarmEvent)] == ["左滑块未到达取苗位"] * 2
-    assert [event.text for event in chinese if isinstance(event, StateEvent)][-3:] == ["保持中", "已保持", "复位中"]
+    chinese = [event.text.zh for event in twin.events if isinstance(event, StateEvent)]
+    assert chinese[-3:] == ["保持中", "已保持", "复位中"]
 
 
 def test_the_warning_of_machine_constants_names_those_that_differ() -> None:
     """At its end, when a tool has written the default back, none differs."""
     twin = switched_on()
-    chinese: list[Event] = []
-    twin.runtime.observers.append(ProductionLog(twin.machine, chinese.append, "zh"))
     for value in (15, 20):
         twin.plc.write(twin.machine.tags.sp.clamp, value)
         twin.run_for(20)
     text = "A machine constant differs from its default"
-    assert [(each.active, each.text) for each in twin.alarm_events()] == [
+    assert [(each.active, each.text.en) for each in twin.alarm_events()] == [
         (True, f"{text}: clamp 15 (default 20)"),
         (False, text),
     ]
     text = "机器常数与默认值不同"
-    assert [event.text for event in chinese if isinstance(event, AlarmEvent)] == [
-        f"{text}：clamp 15（默认值 20）",
-        text,
-    ]
+    assert [each.text.zh for each in twin.alarm_events()] == [f"{text}：clamp 15（默认值 20）", text]
 
 
 def test_a_question_is_reported_when_it_is_asked_and_when_it_is_answered() -> None:
@@ -352,7 +347,8 @@ def test_a_question_is_reported_when_it_is_asked_and_when_it_is_answered() -> No
     twin.command("left_loaded_yes")
     answered_ms = twin.now_ms + 10  # the question is cleared one scan after the stored row has changed
     twin.run_for(20)
-    text = "Is the left arm holding seedlings?"
+    text = QUESTIONS["loaded"].of(SIDE_TEXTS["left"])
+    assert text.en == "Is the left arm holding seedlings?"
     assert questions(twin, "left_loaded") == [
         QuestionEvent(asked_ms, "left_loaded", active=True, text=text),
         QuestionEvent(answered_ms, "left_loaded", active=False, text=text),
@@ -371,7 +367,7 @@ def test_the_cup_question_is_asked_once_over_the_cups_until_it_is_answered() -> 
     twin.scan()
     assert [event.active for event in questions(twin, "right_cups")] == [True, False]
     text = "Are the cups under the claws of both arms empty? If not confirmed, twelve cups must pass first"
-    assert {event.text for event in questions(twin, "right_cups")} == {text}
+    assert {event.text.en for event in questions(twin, "right_cups")} == {text}
     to_complete(twin)
     assert len(questions(twin, "left_cups")) == len(questions(twin, "right_cups")) == 2
 
@@ -400,4 +396,4 @@ def test_the_tray_question_is_reported() -> None:
     twin.scan()
     assert [event.active for event in questions(twin, "tray")] == [True, False]
     assert isinstance(twin.events[-2], QuestionEvent)
-    assert twin.events[-1] == NextPressEvent(twin.events[-2].at_ms, NextPress.HOME, NEXT_PRESSES[NextPress.HOME].en)
+    assert twin.events[-1] == NextPressEvent(twin.events[-2].at_ms, NextPress.HOME, NEXT_PRESSES[NextPress.HOME])

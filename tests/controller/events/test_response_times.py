@@ -137,14 +137,14 @@ def test_a_device_with_answers_of_28_ms_is_named_with_the_figure(slow: FieldRig)
     """The event names it, and so does the alarm of a link that is lost because the scans are late."""
     slow.scan(SCANS + 1)
     (event,) = slow.events
-    assert (event.change, event.text) == ("slow", f"field device {event.device} answers too slowly; scans are late")
+    assert (event.change, event.text.en) == ("slow", f"field device {event.device} answers too slowly; scans are late")
     assert event.device.startswith("valves (")
     figure = float(event.detail.removeprefix("a scan waits ").split(" ms")[0])
     assert figure >= 1_000 * ANSWER_S
     assert "and its period is 10 ms; use a faster device" in event.detail
     slow.now_ms += LATE_MS
     slow.scan(2)
-    (named,) = (alarm.text.partition(": ")[2] for alarm in slow.alarms if alarm.number == LINK_LOST)
+    (named,) = (alarm.text.en.partition(": ")[2] for alarm in slow.alarms if alarm.number == LINK_LOST)
     assert named == event.device
 
 

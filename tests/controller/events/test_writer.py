@@ -10,10 +10,12 @@ import pytest
 
 from controller.events.kinds import StateEvent, TrayEvent
 from controller.events.writer import EventWriter, ServingEvent
+from controller.program.texts.operator import Language, Text
 
+STOPPED = StateEvent(10, 2, Text("Stopped", "已停止"), next_press=Text("press X0 to reset and home", "按 X0 复位"))
 EVENTS = (
     ServingEvent(0, 5021),
-    StateEvent(10, 2, "Stopped", next_press="press X0 to reset and home"),
+    STOPPED,
     TrayEvent(1_234, 1),
 )
 TEXT = (
@@ -23,9 +25,9 @@ TEXT = (
 )
 
 
-def lines(path: Path, form: str) -> list[str]:
+def lines(path: Path, form: str, language: Language = "en") -> list[str]:
     with path.open("w", encoding="utf-8") as out:
-        writer = EventWriter(form, out)
+        writer = EventWriter(form, out, language)
         for event in EVENTS:
             writer.write(event)
         writer.close()
@@ -40,6 +42,12 @@ def test_json_output_is_one_object_per_line(tmp_path: Path) -> None:
     records = [json.loads(line) for line in lines(tmp_path / "events", "json")]
     assert [record["event"] for record in records] == ["serving", "state", "tray"]
     assert records[2] == {"at_ms": 1_234, "trays_done": 1, "event": "tray"}
+
+
+def test_texts_are_written_in_the_selected_language(tmp_path: Path) -> None:
+    record = json.loads(lines(tmp_path / "events", "json", "zh")[1])
+    assert (record["text"], record["reason"], record["next_press"]) == ("已停止", "", "按 X0 复位")
+    assert "text=已停止  reason=  next_press=按 X0 复位" in lines(tmp_path / "events", "text", "zh")[1]
 
 
 @pytest.mark.parametrize("count", [1, 3])

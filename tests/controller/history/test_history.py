@@ -33,6 +33,7 @@ from controller.history import writer as history_module
 from controller.history.file import HistoryFile, HistoryRow
 from controller.history.query import HistoryReader
 from controller.history.schema import TABLES
+from controller.program.texts.operator import Text
 from tests.controller.history.history_rig import WALL_MS, history, is_sound, table
 
 PATIENCE_S = 60.0
@@ -42,12 +43,18 @@ PATIENCE_S = 60.0
 # contents
 
 EVENTS: list[tuple[Event, tuple[object, ...]]] = [
-    (StateEvent(10, 11, "Held", "alarm"), ("state", 11, "Held", {"reason": "alarm"})),
-    (StateEvent(10, 6, "运行"), ("state", 6, "运行", {})),
-    (ModeEvent(20, 3, "manual"), ("mode", 3, "manual", {})),
-    (RefusalEvent(30, "start", 2, "cannot start"), ("refusal", 2, "cannot start", {"command": "start"})),
-    (QuestionEvent(40, "tray", True, "Which?"), ("question", 1, "Which?", {"question": "tray", "active": True})),
-    (QuestionEvent(50, "tray", False, "Which?"), ("question", 0, "Which?", {"question": "tray", "active": False})),
+    (StateEvent(10, 11, Text.plain("Held"), Text.plain("alarm")), ("state", 11, "Held", {"reason": "alarm"})),
+    (StateEvent(10, 6, Text.plain("运行")), ("state", 6, "运行", {})),
+    (ModeEvent(20, 3, Text.plain("manual")), ("mode", 3, "manual", {})),
+    (RefusalEvent(30, "start", 2, Text.plain("cannot start")), ("refusal", 2, "cannot start", {"command": "start"})),
+    (
+        QuestionEvent(40, "tray", True, Text.plain("Which?")),
+        ("question", 1, "Which?", {"question": "tray", "active": True}),
+    ),
+    (
+        QuestionEvent(50, "tray", False, Text.plain("Which?")),
+        ("question", 0, "Which?", {"question": "tray", "active": False}),
+    ),
     (TrayEvent(60, 7), ("tray", 7, "", {})),
 ]
 
@@ -93,10 +100,17 @@ def test_a_cycle_is_a_row_with_its_edges(tmp_path: Path) -> None:
 def test_alarms_are_recorded_only_from_the_alarm_list(tmp_path: Path) -> None:
     path = tmp_path / "history.sqlite"
     change = AlarmChange(
-        70, 990, "magazine_empty", AlarmState.ACKNOWLEDGED, AlarmState.SHELVED, "Li", "magazine empty", 60_070
+        70,
+        990,
+        "magazine_empty",
+        AlarmState.ACKNOWLEDGED,
+        AlarmState.SHELVED,
+        "Li",
+        Text.plain("magazine empty"),
+        60_070,
     )
     with history(path) as writer:
-        writer.write(AlarmEvent(70, 990, True, "magazine empty"))
+        writer.write(AlarmEvent(70, 990, True, Text.plain("magazine empty")))
         writer.write(change)
     (row,) = table(path, "alarms")
     assert HistoryReader(path).newest_alarm() == row["id"]
@@ -183,7 +197,7 @@ def test_operator_actions_and_alarms_are_written_immediately_with_all_pending_ro
         writer.audit("p", "w", "a", "1", "done", 20)
         wait(disk.done)
         assert len(table(path, "events")) == len(table(path, "audit")) == 1
-        writer.write(AlarmChange(30, 900, "k", AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, None, "t"))
+        writer.write(AlarmChange(30, 900, "k", AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, None, Text.plain("t")))
         wait(disk.done)
         assert len(table(path, "alarms")) == 1
 

@@ -10,14 +10,17 @@ from controller.events.alarm_list import AlarmChange
 from controller.events.alarm_states import AlarmState
 from controller.events.kinds import CycleEvent, RefusalEvent, RowEvent, TrayEvent
 from controller.history.query import HistoryReader, RecordFilter
+from controller.program.texts.operator import Text
 from tests.controller.history.history_rig import WALL_MS, history
 
-CAME = AlarmChange(10, 905, "left.slide", AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, None, "Left slide")
-SEEN = AlarmChange(30, 905, "left.slide", AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED, "Li", "Left slide")
+CAME = AlarmChange(10, 905, "left.slide", AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, None, Text.plain("Left slide"))
+SEEN = AlarmChange(
+    30, 905, "left.slide", AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED, "Li", Text.plain("Left slide")
+)
 WRITTEN = (
     TrayEvent(0, 1),
     CAME,
-    RefusalEvent(20, "hold", 3, "cannot hold: the machine is not running"),
+    RefusalEvent(20, "hold", 3, Text.plain("cannot hold: the machine is not running")),
     SEEN,
     CycleEvent(40, "right", 7, 5_200, 300, 1),
     RowEvent(50, "left", 905),

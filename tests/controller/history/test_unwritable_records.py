@@ -10,6 +10,7 @@ import pytest
 from controller.common.supervision.failures import dropped
 from controller.events.kinds import QuestionEvent
 from controller.history.file import MIN_LIMIT_BYTES, HistoryFile, HistoryRow, RecordError
+from controller.program.texts.operator import Text
 from tests.controller.common.supervision.failure_rig import fresh_counts
 from tests.controller.history.history_rig import history, is_sound, table
 
@@ -29,8 +30,8 @@ def test_such_a_record_is_dropped_counted_and_told_once_and_the_others_are_writt
     path = tmp_path / "history.sqlite"
     with history(path, limit_bytes=MIN_LIMIT_BYTES) as writer:
         for number in range(10):
-            text = poison if number == place else "text"
-            writer.write(QuestionEvent(number, "tray", active=True, text=text))  # type: ignore[arg-type]
+            text = Text(poison, poison) if number == place else Text.plain("text")  # type: ignore[arg-type]
+            writer.write(QuestionEvent(number, "tray", active=True, text=text))
     *rows, lost = table(path, "events")
     assert [row["at_ms"] for row in rows] == [number for number in range(10) if number != place]
     assert (lost["kind"], lost["number"]) == ("history", 1)
@@ -44,7 +45,9 @@ def test_many_such_records_do_not_fill_the_log(tmp_path: Path, caplog: pytest.Lo
     path = tmp_path / "history.sqlite"
     with history(path) as writer:
         for number in range(120):
-            writer.write(QuestionEvent(number, "tray", active=True, text="\ud800" if number % 6 else "text"))
+            writer.write(
+                QuestionEvent(number, "tray", active=True, text=Text.plain("\ud800" if number % 6 else "text"))
+            )
     assert [row["at_ms"] for row in table(path, "events")][:-1] == [*range(0, 120, 6)]
     assert (writer.dropped, dropped("history")) == (100, 100)
     assert len(caplog.records) == 3

@@ -15,7 +15,10 @@ import pytest
 
 from controller.cli.mutants import StoryProcess
 from controller.common.supervision.parent import VARIABLE, end_with_parent
+from controller.program.states import State
 from plant_sim.cli.faults import _results
+from tests.controller.history.history_rig import is_sound, table
+from tests.paths import ROOT
 from tests.real_time import WAIT_S
 
 
@@ -25,20 +28,25 @@ def free_ports(count: int) -> list[int]:
         return [each.getsockname()[1] for each in reserved]
 
 
-def started(*arguments: str) -> subprocess.Popen[str]:
+def started(*arguments: str, folder: Path = ROOT) -> subprocess.Popen[str]:
     """Start a process whose output ends when it and all its children have ended."""
     return subprocess.Popen(
-        [sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1
+        [sys.executable, *arguments],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        bufsize=1,
     )
 
 
-def until(process: subprocess.Popen[str], text: str) -> None:
-    """Read lines until one contains a text."""
+def until(process: subprocess.Popen[str], text: str) -> str:
+    """Read lines until one contains a text, and return it."""
     assert process.stdout is not None
     read = []
     for line in process.stdout:
         if text in line:
-            return
+            return line
         read.append(line)
     raise AssertionError("".join(read))
 
@@ -49,13 +57,17 @@ def lifeline_of(process: str) -> str:
     return f"pipe:[{variables[VARIABLE].partition(':')[2]}]"
 
 
-def test_plant_controller_and_panel_of_a_killed_run_end_with_safe_outputs() -> None:
-    """The run is killed while the machine homes; the plant answers until the controller has written its outputs."""
+def test_plant_controller_and_panel_of_a_killed_run_end_with_safe_outputs(tmp_path: Path) -> None:
+    """The run is killed while the machine homes; the plant answers until the controller has written its outputs.
+
+    The history remains, and has the state in which the run was killed.
+    """
     ports = free_ports(3)
     names = ("--port", "--hmi-port", "--panel-port")
     options = [word for name, port in zip(names, ports, strict=True) for word in (name, str(port))]
     with ExitStack() as stack:
-        run = stack.enter_context(started("-m", "plant_sim", "run", *options))
+        run = stack.enter_context(started("-m", "plant_sim", "run", *options, folder=tmp_path))
+        history = until(run, "history: ").removeprefix("history: ").partition(",")[0]
         until(run, "Resetting")
         children = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text(encoding="ascii").split()
         ends = [stack.enter_context(os.fdopen(os.pidfd_open(int(child)))) for child in children]
@@ -68,6 +80,10 @@ def test_plant_controller_and_panel_of_a_killed_run_end_with_safe_outputs() -> N
     assert "stopped, outputs set to their safe levels" in rest
     for port in ports:
         socket.create_server(("127.0.0.1", port)).close()
+    assert history.startswith("var/trials/")
+    states = [row["number"] for row in table(tmp_path / history, "events") if row["kind"] == "state"]
+    assert State.RESETTING in states
+    assert is_sound(tmp_path / history)
 
 
 @pytest.mark.nightly

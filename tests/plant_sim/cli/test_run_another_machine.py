@@ -21,6 +21,7 @@ def run(machine: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, *command, "--port", str(port), "--hmi-port", "0"],
         check=False,
+        cwd=machine.parent,
         capture_output=True,
         text=True,
         timeout=COMMAND_S,
@@ -53,3 +54,4 @@ def test_the_live_run_of_a_machine_that_does_not_fit_ends_in_one_line(tmp_path: 
     (line,) = [line for line in ended.stderr.splitlines() if "constants.yaml" in line]
     assert "left lift: its arrival is believed after 1500 ms, but the travel takes 1510 ms" in line
     assert "Traceback" not in ended.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["machine.yaml"], "a failed start leaves nothing"

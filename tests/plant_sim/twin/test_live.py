@@ -90,7 +90,9 @@ def language(command: list[str]) -> list[str]:
     return [value for name, value in pairwise(command) if name == "--language"]
 
 
-def test_the_controller_is_given_the_port_that_the_plant_has_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_controller_is_given_the_port_that_the_plant_has_opened(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Port 0 lets the plant choose; it is also given the planting frequency."""
     commands: dict[str, str] = {}
 
@@ -121,7 +123,15 @@ def test_the_controller_is_given_the_port_that_the_plant_has_opened(monkeypatch:
     paths = parser.parse_args([])
     frequency = 60.0
     options = LiveOptions(
-        1, 1, "127.0.0.1", 0, paths.io_map, paths.machine, planting_frequency_per_min=frequency, panel_port=None
+        1,
+        1,
+        "127.0.0.1",
+        0,
+        paths.io_map,
+        paths.machine,
+        planting_frequency_per_min=frequency,
+        panel_port=None,
+        folder=tmp_path / "trials",
     )
     with live.live_trial(options, ProgressView()):
         pass

@@ -28,6 +28,7 @@ from controller.program.states import Mode, State
 from plant_sim.cli.main import main as plant_main
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.operator import PRESS_MS, Operator, counts_of
+from tests.controller.history.history_rig import table
 from tests.plant_sim.twin.process_rig import controller_process, first_events, plant_process, plant_thread, run_command
 from tests.real_time import COMMAND_S, LOCK_STEP, WAIT_S
 from tests.sampling import first_of, one_in
@@ -118,6 +119,16 @@ def test_bad_input_is_one_line_and_exit_code_2(
     """Commands run in this process; the one-line error of a real process is that of a locked retentive memory."""
     monkeypatch.chdir(tmp_path)
     assert expected in rejected(arguments, capsys)
+
+
+@pytest.mark.parametrize("option", ["--retain", "--history", "--io-map"])
+def test_a_file_name_that_is_too_long_is_one_line(
+    option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = "n" * 300
+    assert rejected(("controller", "run", option, name), capsys).startswith(f"{name}: ")
+    assert list(tmp_path.iterdir()) == []
 
 
 def rejected(arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> str:
@@ -378,6 +389,7 @@ def test_the_live_run_is_stopped_by_ctrl_c_in_order(tmp_path: Path) -> None:
     live = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert live.stderr is not None
+        history = next(line for line in live.stderr if line.startswith("history: "))
         url = next(line for line in live.stderr if line.startswith("panel at ")).removeprefix("panel at ").strip()
         assert httpx.get(url, timeout=WAIT_S).status_code == 200
         assert any("Execute" in line for line in live.stderr)
@@ -390,6 +402,8 @@ def test_the_live_run_is_stopped_by_ctrl_c_in_order(tmp_path: Path) -> None:
     assert report.startswith("the trial did not complete, so it has no S: interrupted\nseedlings 720: ")
     assert "outputs set to their safe levels" in errors
     assert "Traceback" not in errors
+    path = tmp_path / history.removeprefix("history: ").partition(",")[0]
+    assert State.EXECUTE in [row["number"] for row in table(path, "events")]
     with socket.create_server(("127.0.0.1", port)):
         pass
 
@@ -406,12 +420,12 @@ def test_a_retentive_memory_is_locked_by_its_controller(tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_sigterm_ends_the_live_run_with_its_children() -> None:
+def test_sigterm_ends_the_live_run_with_its_children(tmp_path: Path) -> None:
     """After SIGTERM to a live run, no process is listening on the port."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
     command = [sys.executable, "-m", "plant_sim", "run", "--port", str(port), "--hmi-port", "0", "--no-panel"]
-    live = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    live = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert live.stderr is not None
         for line in live.stderr:

@@ -167,13 +167,18 @@ def test_nothing_moves_after_a_trip_before_a_person_acts(
 
 
 @pytest.mark.nightly
-def test_the_full_trial_over_modbus_in_real_time() -> None:
+def test_the_full_trial_over_modbus_in_real_time(tmp_path: Path) -> None:
     """The trial of the README in real time accounts for all 144 seedlings."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
     command = ["plant_sim", "run", "--real-time", "--port", str(port), "--hmi-port", "0", "--no-panel"]
     done = subprocess.run(
-        [sys.executable, "-m", *command], check=False, capture_output=True, text=True, timeout=REAL_TRIAL_S
+        [sys.executable, "-m", *command],
+        check=False,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=REAL_TRIAL_S,
     )
     judge_live_run(done.returncode, done.stdout, done.stderr)
     assert "seedlings 144" in done.stdout or done.returncode

@@ -2,7 +2,7 @@
 // Every movement is a command of the debugger.
 
 import { make, write } from "./dom.js";
-import { ask, t } from "./texts.js";
+import { ask, localized, t } from "./texts.js";
 
 const STEPS = [ // command, text, symbol before it, symbol after it
   ["last", "move.change", "|◀ ", ""], ["back 1 step", "move.step", "◀ ", ""], ["back 1 scan", "move.scan", "◀ ", ""],
@@ -55,6 +55,7 @@ export class Run {
   label() {
     this.buttons?.forEach((button, n) => write(button, STEPS[n][2] + t(STEPS[n][1]) + STEPS[n][3]));
     this.tracks?.forEach((button) => write(button, t(`state.${button.dataset.track}`)));
+    [...this.marks?.children ?? []].forEach((node) => { node.title = `${node.told.scan}: ${localized(node.told.text)}`; });
   }
 
   slide() {
@@ -92,11 +93,13 @@ export class Run {
     if (this.marked !== track) {
       this.marked = track;
       this.marks.replaceChildren(...marks.map((mark) => {
-        const node = make("button", { class: `mark ${mark.kind}`, title: `${mark.scan}: ${mark.text}`, tabindex: "-1", on: { click: () => this.execute(`goto ${mark.scan}`) } },
+        const node = make("button", { class: `mark ${mark.kind}`, tabindex: "-1", on: { click: () => this.execute(`goto ${mark.scan}`) } },
           mark.kind === "alarm" ? make("span", { "data-text": "mark.alarm", text: t("mark.alarm") }) : null);
         node.style.left = place(mark.scan);
+        node.told = mark;
         return node;
       }));
+      this.label();
     }
     this.branch.hidden = branch === null;
     if (branch) {

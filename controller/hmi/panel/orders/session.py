@@ -13,7 +13,7 @@ from controller.program.operator.commands import Command
 from controller.program.operator.refusals import refusal_text
 from controller.program.states import Mode, State
 from controller.program.tags import Tags
-from controller.program.texts.operator import LANGUAGES, Text
+from controller.program.texts.operator import Text
 
 Button = Literal["start", "stop", "emergency_stop", "reset"]
 MOMENTARY: Final[tuple[Button, ...]] = ("start", "stop", "reset")
@@ -73,5 +73,5 @@ def obstacle_text(machine: Transplanter, memory: Memory, command: Command) -> Te
         return reply_text("horn is off")  # the program accepts the command
     for obstacle in machine.orders.obstacles(command.bit):
         if evaluate(obstacle.active, memory):
-            return Text(*(refusal_text(command, obstacle.reason, language) for language in LANGUAGES))
+            return refusal_text(command, obstacle.reason)
     return None

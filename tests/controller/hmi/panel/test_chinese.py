@@ -180,7 +180,7 @@ def test_view_is_chinese_in_every_state(state: State) -> None:
 @pytest.mark.parametrize("command", list(MACHINE.tags.commands), ids=lambda command: command.name)
 def test_every_refusal_is_chinese(command: Any) -> None:
     reasons = [obstacle.reason for obstacle in MACHINE.orders.obstacles(command.bit)]
-    check((reason.name, refusal_text(command, reason, "zh")) for reason in reasons)
+    check((reason.name, refusal_text(command, reason).zh) for reason in reasons)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.states import State
-from controller.program.texts.operator import Language
 from plant_sim.twin.commissioning import program_of
 from tests.controller.common.modbus_rig import make_module
 from tests.controller.io.field.modules import Box
@@ -73,7 +72,6 @@ class FieldRig:
         path: Path,
         boxes: list[Box],
         io_map: IoMap = IO_MAP,
-        language: Language = "en",
         wait_ms: int = 0,
         scan_ms: int | None = None,
     ) -> None:
@@ -95,14 +93,14 @@ class FieldRig:
         )
         self.events: list[FieldEvent] = []
         self.alarms: list[AlarmEvent] = []
-        report = FieldReport(self.link, self.machine, self.events.append, language, scan_ms=scan_ms)
+        report = FieldReport(self.link, self.machine, self.events.append, scan_ms=scan_ms)
 
         def publish(event: Event | AlarmChange) -> None:
             named = report.named(event)
             if isinstance(named, AlarmEvent) and named.active:
                 self.alarms.append(named)
 
-        self.runtime.observers += [report, ProductionLog(self.machine, publish, language)]
+        self.runtime.observers += [report, ProductionLog(self.machine, publish)]
 
     def start(self) -> None:
         """Connect, as the command does, and scan once."""

@@ -77,7 +77,7 @@ def test_a_gap_with_all_outputs_off_aborts_until_a_person_acts(over_ms: int, sta
     assert [event.change for event in rig.events] == ["gap"] * over_ms
     if not over_ms:
         return
-    assert [alarm.text.partition(": ")[2] for alarm in rig.alarms] == [rig.link.devices[0].label]
+    assert [alarm.text.en.partition(": ")[2] for alarm in rig.alarms] == [rig.link.devices[0].label]
     rig.order("reset")
     rig.scan(300)
     assert (rig.is_aborted, any(box.outputs)) == (True, False)

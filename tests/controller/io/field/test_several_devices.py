@@ -152,7 +152,7 @@ def test_a_lost_device_makes_the_outputs_of_all_devices_safe(
     (event,) = rig.events
     assert (event.change, event.device) == ("lost", f"{name} (127.0.0.1:{field.modules[lost].port})")
     (alarm,) = rig.alarms
-    assert name in alarm.text
+    assert name in alarm.text.en
     assert rig.machine.alarms.of(alarm.number).key == "link_lost"
     field.boxes[lost].outputs = [False] * len(field.boxes[lost].outputs)
     field.boxes[lost].silent = False
@@ -170,14 +170,14 @@ def test_a_lost_device_makes_the_outputs_of_all_devices_safe(
 
 def test_the_name_of_the_device_is_in_the_chinese_alarm(stack: ExitStack, tmp_path: Path) -> None:
     field = Field(stack, tmp_path)
-    rig = FieldRig(tmp_path / "field.yaml", [], language="zh")
+    rig = FieldRig(tmp_path / "field.yaml", [])
     stack.callback(rig.link.close)
     rig.start()
     field.modules[1].unplug()
     rig.scan(15)
-    assert "valves" in rig.alarms[0].text
-    assert rig.alarms[0].text.startswith("现场通信中断")
-    assert rig.events[0].text == f"现场设备 {rig.events[0].device} 通信中断，全部输出已切断"
+    assert "valves" in rig.alarms[0].text.zh
+    assert rig.alarms[0].text.zh.startswith("现场通信中断")
+    assert rig.events[0].text.zh == f"现场设备 {rig.events[0].device} 通信中断，全部输出已切断"
 
 
 def test_two_lost_devices_are_both_named_and_return_in_turn(field: Field) -> None:

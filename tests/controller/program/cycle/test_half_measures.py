@@ -140,7 +140,7 @@ def test_a_tray_moved_manually_raises_the_question_before_an_arm_goes_in() -> No
         twin.command(command)
         twin.run_for(50)
     refused = [event for event in twin.events if isinstance(event, RefusalEvent)]
-    assert [event.text for event in refused] == ["cannot resume: a question is unanswered"]
+    assert [event.text.en for event in refused] == ["cannot resume: a question is unanswered"]
     assert twin.state is State.HELD
     assert twin.plc.read(twin.machine.tags.tray.ask)
 

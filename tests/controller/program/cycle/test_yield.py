@@ -87,7 +87,7 @@ def test_a_sound_trial_completes_without_an_alarm(io_map: IoMap) -> None:
     twin = at_work(io_map, trays=2)
     twin.run_until_state(State.COMPLETE, within_ms=300_000)
     assert twin.plant.counts().in_cups == 2 * CELLS_ALONG * COLUMNS
-    assert [event for event in twin.alarm_events() if "claws" in event.text or "row" in event.text] == []
+    assert [event for event in twin.alarm_events() if "claws" in event.text.en or "row" in event.text.en] == []
 
 
 @pytest.mark.nightly

@@ -134,7 +134,7 @@ def test_each_constant_is_confirmed_and_named(name: str) -> None:
     twin = started({**DEFAULT, name: default + 1})
     assert is_open(twin)
     (warning,) = [event for event in twin.events if isinstance(event, AlarmEvent)]
-    assert warning.text == f"A machine constant differs from its default: {name} {default + 1} (default {default})"
+    assert warning.text.en == f"A machine constant differs from its default: {name} {default + 1} (default {default})"
     coils = {tag.name: tag for tag in tag_list(MACHINE) if tag.name.endswith(".differs")}
     assert len(coils) == len(MACHINE.tags.sp.constants)
     shown = {tag for tag, coil in coils.items() if twin.plc.memory.M[int(coil.device[1:])]}

@@ -30,7 +30,7 @@ PANEL_LIMIT_MS = 500
 
 def state_reasons(twin: Twin) -> list[tuple[str, str]]:
     """Return every state that was entered, with its reason."""
-    return [(State(event.state).name, event.reason) for event in twin.events if isinstance(event, StateEvent)]
+    return [(State(event.state).name, event.reason.en) for event in twin.events if isinstance(event, StateEvent)]
 
 
 def in_row_1(side: Side, step: str) -> Twin:
@@ -104,7 +104,7 @@ def test_unhold_is_refused_while_an_arm_is_not_ready(side: Side) -> None:
 
 
 def refusals(twin: Twin) -> list[str]:
-    return [event.text for event in twin.events if isinstance(event, RefusalEvent)]
+    return [event.text.en for event in twin.events if isinstance(event, RefusalEvent)]
 
 
 def test_x0_after_a_hold_command_homes_and_resumes() -> None:

@@ -54,7 +54,7 @@ def rows(twin: Twin, side: Side) -> list[int]:
 
 
 def last_refusal(twin: Twin) -> str:
-    return [event.text for event in twin.events if isinstance(event, RefusalEvent)][-1]
+    return [event.text.en for event in twin.events if isinstance(event, RefusalEvent)][-1]
 
 
 # jogging

@@ -56,7 +56,7 @@ PACKML_COMMANDS = {
 
 
 def refusals(twin: Twin) -> list[str]:
-    return [event.text for event in twin.events if isinstance(event, RefusalEvent)]
+    return [event.text.en for event in twin.events if isinstance(event, RefusalEvent)]
 
 
 def mode_of(twin: Twin) -> Mode:
@@ -98,7 +98,7 @@ def test_at_rest_the_mode_changes_and_is_reported(mode: Mode) -> None:
     twin.command(f"mode_{mode.name.lower()}")
     twin.run_for(50)
     assert mode_of(twin) is mode
-    assert [event.text for event in twin.events[before:] if isinstance(event, ModeEvent)] == [MODES[mode].en]
+    assert [event.text.en for event in twin.events[before:] if isinstance(event, ModeEvent)] == [MODES[mode].en]
 
 
 def test_no_change_to_or_from_manual_in_idle() -> None:

@@ -16,7 +16,7 @@ from controller.program.operator.next_press import NextPress, named_commands, wh
 from controller.program.states import Mode, State
 from controller.program.texts.isolation import begins_with_isolation
 from controller.program.texts.next_press import NEXT_PRESSES
-from controller.program.texts.operator import MODES, Text
+from controller.program.texts.operator import MODES, NO_TEXT, Text
 from plant_sim.twin.lock_step import Twin
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.program.recovery.test_ways_out import power_lost_clamping, read, show_panel
@@ -129,11 +129,11 @@ def test_the_console_tells_every_line_once() -> None:
         NextPress.RELEASE_NOW,
         NextPress.HOME,
     ]
-    assert told[0].text == NEXT_PRESSES[NextPress.ANSWER_LEFT_LOADED].en
+    assert told[0].text.en == NEXT_PRESSES[NextPress.ANSWER_LEFT_LOADED].en
     twin.press("start")
     twin.run_for(500)
     states = [event for event in twin.events if isinstance(event, StateEvent)]
-    assert [(event.text, event.next_press) for event in states] == [("Resetting", "")]
+    assert [(event.text.en, event.next_press) for event in states] == [("Resetting", NO_TEXT)]
     assert [event.press for event in twin.events if isinstance(event, NextPressEvent)][3:] == []
 
 
@@ -145,7 +145,7 @@ def test_the_console_tells_the_line_again_when_the_mode_changes_it() -> None:
     twin.command("mode_step")
     twin.run_for(100)
     told = [event for event in twin.events if isinstance(event, NextPressEvent)]
-    assert [(event.press, event.text) for event in told] == [
+    assert [(event.press, event.text.en) for event in told] == [
         (NextPress.HOME, f"{NEXT_PRESSES[NextPress.HOME].en} (mode: {MODES[Mode.STEP].en})")
     ]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from controller.events.kinds import RefusalEvent
+from controller.events.kinds import RefusalEvent, StateEvent
 from controller.program.operator.refusals import Refusal
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
@@ -303,7 +303,7 @@ def test_a_start_with_an_arm_that_left_home_is_refused() -> None:
     refused = twin.events[-1]
     assert isinstance(refused, RefusalEvent)
     assert (refused.command, refused.reason) == ("start", Refusal.RIGHT_NOT_AT_FEED)
-    assert refused.text == "cannot start: right slide not at feed"
+    assert refused.text.en == "cannot start: right slide not at feed"
 
 
 def test_an_arm_that_left_home_by_itself_raises_an_alarm_and_causes_no_collision() -> None:
@@ -336,8 +336,8 @@ def test_the_reason_of_a_suspension_is_reported() -> None:
     until_step(twin, "left arm", "wait for cups")
     twin.plant.planting_frequency_per_min = 0.0
     twin.run_until_state(State.SUSPENDED, within_ms=5_000)
-    (event,) = [e for e in twin.events if getattr(e, "state", None) == State.SUSPENDED]
-    assert getattr(event, "reason", "") == "no cups at the left row"
+    (event,) = [e for e in twin.events if isinstance(e, StateEvent) and e.state == State.SUSPENDED]
+    assert event.reason.en == "no cups at the left row"
 
 
 def test_a_complete_batch_restarts_after_a_stop_and_a_power_loss() -> None:

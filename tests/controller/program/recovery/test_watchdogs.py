@@ -153,7 +153,7 @@ def test_a_panel_timeout_lets_the_cycle_finish_and_holds() -> None:
     assert twin.plc.read(twin.machine.tags.machine.reason) == Reason.PANEL_SILENT
     assert twin.alarms() == ["hmi_silent"]
     held = [event for event in twin.events if isinstance(event, StateEvent) and event.state == State.HELD]
-    assert held[-1].reason == "operator panel not responding"
+    assert held[-1].reason.en == "operator panel not responding"
     twin.command("unhold")
     twin.run_until_state(State.COMPLETE, within_ms=120_000)
     assert twin.plant.counts() == undisturbed()

@@ -73,7 +73,7 @@ def read(twin: Twin, name: str) -> int:
 def refusals(twin: Twin) -> list[tuple[str, Refusal, NextPress]]:
     """Return the refused presses so far: command, reason and next useful press."""
     return [
-        (event.command, Refusal(event.reason), PRESSES[event.next_press])
+        (event.command, Refusal(event.reason), PRESSES[event.next_press.en])
         for event in twin.events
         if isinstance(event, RefusalEvent)
     ]
@@ -204,7 +204,7 @@ def test_aborted_names_the_hold_of_x24() -> None:
     twin = machine()
     press_emergency_stop(twin)
     aborted = [event for event in twin.events if isinstance(event, StateEvent) and event.state == State.ABORTED]
-    assert [event.next_press for event in aborted] == ["release X25, then press X24 for 3 s and release it"]
+    assert [event.next_press.en for event in aborted] == ["release X25, then press X24 for 3 s and release it"]
     hold(twin, "stop", 300)
     assert refusals(twin)[-1] == ("clear", Refusal.EMERGENCY_STOP, NextPress.RELEASE_EMERGENCY_STOP)
     twin.plant.box.emergency_stop = False
@@ -228,7 +228,7 @@ def test_a_mode_that_survived_power_is_announced(mode: Mode) -> None:
     assert [event.mode for event in twin.events if isinstance(event, ModeEvent)] == [mode]
     state = next(event for event in twin.events if isinstance(event, StateEvent))
     name = mode.name.lower().replace("_", " ")
-    assert state.next_press == f"press X0 to reset and home (mode: {name})"
+    assert state.next_press.en == f"press X0 to reset and home (mode: {name})"
 
 
 def test_presses_without_effect_are_refused_in_every_state() -> None:

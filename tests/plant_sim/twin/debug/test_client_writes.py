@@ -37,7 +37,11 @@ class ServedTwin:
         self.fingerprints = [self.fingerprint()]
 
     def fingerprint(self) -> int:
-        return hash(repr((image(self.twin), self.twin.runtime.panel.save(), self.twin.runtime.forcing.save())))
+        """Return a hash of what the last scan has adopted; the flags of a request may be set at any time after it."""
+        runtime = self.twin.runtime
+        _, message_ms, _, request_ms = runtime.panel.save()
+        levels, _, renewed_ms, allowed = runtime.forcing.save()
+        return hash(repr((image(self.twin), message_ms, request_ms, levels, renewed_ms, allowed)))
 
     def scan(self) -> None:
         self.twin.run_for(SCAN_MS)

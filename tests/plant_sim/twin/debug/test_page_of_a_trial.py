@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import re
+
 import pytest
 from playwright.sync_api import expect
 
 from controller.cli.ladder.page_server import program_of_machine
 from controller.debug.commands import Debugger
 from controller.debug.timeline import RunTimeline
+from controller.events.kinds import as_sentence
 from controller.hmi.ladder_page.recorded_source import RecordedSource
 from controller.program.states import State
 from controller.program.tags import SIDES
@@ -66,6 +70,26 @@ def test_an_alarm_leads_to_the_stuck_switch_with_three_clicks() -> None:
         expect(cause).to_contain_text(TAG)
         expect(cause).to_contain_text("stuck_off")
         expect(page.locator("[data-part=why]")).to_contain_text("Proved by replay")
+        mark = page.locator(".mark.alarm")
+        expect(mark).to_have_attribute("title", re.compile(re.escape(alarm.text.en)))
+        page.locator("#language").click()
+        expect(mark).to_have_attribute("title", re.compile(re.escape(alarm.text.zh)))
+
+
+def test_the_marks_tell_every_event_in_both_languages() -> None:
+    twin, line = stuck()
+    program, _ = program_of_machine(MACHINE)
+    marks = asyncio.run(RecordedSource(program, Debugger(line)).state())["marks"]
+    told = [mark["text"] for mark in marks if mark["kind"] != "entry"]
+    assert told == [as_sentence(event)._asdict() for event in twin.events]
+    (alarm,) = twin.alarm_events()
+    assert {
+        "en": f"alarm S{alarm.number} on: {alarm.text.en}",
+        "zh": f"报警 S{alarm.number} 出现：{alarm.text.zh}",
+    } in told
+    for text in told:
+        assert not re.search("[\u4e00-\u9fff]", text["en"])
+        assert not re.search("[a-z]{2}", text["zh"]), text["zh"]
 
 
 @pytest.mark.nightly

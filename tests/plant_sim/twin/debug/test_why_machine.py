@@ -68,7 +68,7 @@ def test_the_alarm_leads_to_the_stuck_switch() -> None:
     assert (found.cause.kind, found.cause.device) == (CauseKind.FAULT, "X2")
     assert found.cause.text.en.startswith("fault stuck_off:left.lift_up, since 13.82 s; left.lift ")
     assert "mm" in found.cause.text.en
-    assert "bar" in found.cause.text.en
+    assert found.cause.text.en.endswith(" bar, supply 6.0 bar")
     assert found.proof.proved
     assert found.proof.change == "mend=stuck_off:left.lift_up@1383"
 

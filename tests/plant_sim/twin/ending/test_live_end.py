@@ -18,6 +18,7 @@ from rich.console import Console
 from controller.events.kinds import AlarmEvent, Event, StateEvent, as_record
 from controller.iomap.loader import DEFAULT_IO_MAP
 from controller.program.states import State
+from controller.program.texts.operator import Text
 from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.twin import live
 from plant_sim.twin.ending.attendance import has_open_page
@@ -31,10 +32,10 @@ LOOK_MS = 400
 """Plant time between two looks at the telemetry, ms."""
 HELD_MS = 5_000
 STARTS = [(State.STOPPED, 0), (State.RESETTING, 1_000), (State.IDLE, 3_000), (State.EXECUTE, 4_000)]
-WORKS: list[Event] = [StateEvent(at_ms, state, state.name) for state, at_ms in STARTS]
+WORKS: list[Event] = [StateEvent(at_ms, state, Text.plain(state.name)) for state, at_ms in STARTS]
 HOLDS: list[Event] = [
-    AlarmEvent(HELD_MS - 500, 911, active=True, text="another text"),
-    StateEvent(HELD_MS, State.HELD, "Held", "alarm"),
+    AlarmEvent(HELD_MS - 500, 911, active=True, text=Text.plain("another text")),
+    StateEvent(HELD_MS, State.HELD, Text.plain("Held"), Text.plain("alarm")),
 ]
 OPTIONS = LiveOptions(1, 1, "127.0.0.1", 5020, DEFAULT_IO_MAP, DEFAULT_MACHINE, panel_port=None)
 ALARM = "S911 left arm not up after clamping"
@@ -118,7 +119,7 @@ def test_without_an_operator_a_run_ends_10_s_after_it_rests(operator: StandIn) -
 
 
 def test_a_complete_run_has_no_reason(operator: StandIn) -> None:
-    report, code = run(operator, [*WORKS, StateEvent(9_000, State.COMPLETE, "Complete")])
+    report, code = run(operator, [*WORKS, StateEvent(9_000, State.COMPLETE, Text.plain("Complete"))])
     assert (report.reason, report.completed, code) == ("", True, None)
 
 
@@ -136,7 +137,9 @@ def test_a_machine_that_ignores_its_start_button_ends_10_s_after_the_press(opera
 
 
 def test_a_machine_stopped_by_its_stop_button_ends_10_s_later(operator: StandIn) -> None:
-    report, _ = run(operator, [*WORKS, StateEvent(20_000, State.STOPPED, "Stopped", "operator")])
+    report, _ = run(
+        operator, [*WORKS, StateEvent(20_000, State.STOPPED, Text.plain("Stopped"), Text.plain("operator"))]
+    )
     assert report.reason == IDLE.replace("Idle", "Stopped")
     assert report.simulated_s == 30.0
 

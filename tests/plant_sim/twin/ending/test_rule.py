@@ -8,6 +8,7 @@ import pytest
 
 from controller.events.kinds import AlarmEvent, Event, QuestionEvent, StateEvent, as_record
 from controller.program.states import State
+from controller.program.texts.operator import NO_TEXT, Text
 from plant_sim.twin.ending.reported import ReportedEvents, alarm_name
 from plant_sim.twin.ending.rule import REST_LIMIT_MS, EndingRule, Rest, TrialEnd
 
@@ -93,55 +94,55 @@ def test_any_other_trial_is_looked_at_every_tenth_of_a_second(now_ms: int, expec
     assert RULE.next_look_ms(now_ms, REST) == expected
 
 
-ALARM = AlarmEvent(1_000, 911, active=True, text="other words")
+ALARM = AlarmEvent(1_000, 911, active=True, text=Text.plain("other words"))
 
 
 @pytest.mark.parametrize("state", [State.STOPPED, State.IDLE, State.HELD, State.ABORTED])
 def test_a_state_that_only_an_operator_ends_is_rest_from_the_moment_of_both(state: State) -> None:
     name = state.name.capitalize()
-    rest = reported(ALARM, StateEvent(4_000, state, "zh")).rest
+    rest = reported(ALARM, StateEvent(4_000, state, Text.plain("zh"))).rest
     assert rest == Rest(4_000, f"{name}: S911 left arm not up after clamping")
-    late = reported(StateEvent(4_000, state, "zh"), AlarmEvent(7_000, 911, active=True, text="")).rest
+    late = reported(StateEvent(4_000, state, Text.plain("zh")), AlarmEvent(7_000, 911, active=True, text=NO_TEXT)).rest
     assert late is not None
     assert late.since_ms == 7_000
 
 
 @pytest.mark.parametrize("state", [State.EXECUTE, State.HOLDING, State.RESETTING, State.SUSPENDED])
 def test_a_state_that_ends_by_itself_is_no_rest(state: State) -> None:
-    assert reported(ALARM, StateEvent(4_000, state, "zh")).rest is None
+    assert reported(ALARM, StateEvent(4_000, state, Text.plain("zh"))).rest is None
 
 
 def test_rest_without_an_alarm_or_a_question_says_so() -> None:
     rest = Rest(4_000, "Held, without an alarm or a question")
-    assert reported(StateEvent(4_000, State.HELD, "Held")).rest == rest
-    cleared = AlarmEvent(6_000, 911, active=False, text="")
-    assert reported(ALARM, StateEvent(4_000, State.HELD, ""), cleared).rest == replace(rest, since_ms=6_000)
+    assert reported(StateEvent(4_000, State.HELD, Text.plain("Held"))).rest == rest
+    cleared = AlarmEvent(6_000, 911, active=False, text=NO_TEXT)
+    assert reported(ALARM, StateEvent(4_000, State.HELD, NO_TEXT), cleared).rest == replace(rest, since_ms=6_000)
 
 
 def test_only_rest_without_an_alarm_counts_from_the_last_press_of_the_operator() -> None:
-    news = reported(StateEvent(4_000, State.IDLE, ""))
+    news = reported(StateEvent(4_000, State.IDLE, NO_TEXT))
     news.acted(9_000)
     assert news.rest is not None
     assert news.rest.since_ms == 9_000
-    news = reported(ALARM, StateEvent(4_000, State.IDLE, ""))
+    news = reported(ALARM, StateEvent(4_000, State.IDLE, NO_TEXT))
     news.acted(9_000)
     assert news.rest is not None
     assert news.rest.since_ms == 4_000
 
 
 def test_an_open_question_is_told() -> None:
-    asked = QuestionEvent(2_000, "tray", active=True, text="Which tray?")
-    held = StateEvent(2_000, State.HELD, "Held", "operator answer required")
+    asked = QuestionEvent(2_000, "tray", active=True, text=Text.plain("Which tray?"))
+    held = StateEvent(2_000, State.HELD, Text.plain("Held"), Text.plain("operator answer required"))
     assert reported(held, asked).rest == Rest(2_000, "Held: Which tray?")
-    answered = QuestionEvent(3_000, "tray", active=False, text="Which tray?")
+    answered = QuestionEvent(3_000, "tray", active=False, text=Text.plain("Which tray?"))
     rest = reported(held, asked, answered).rest
     assert rest is not None
     assert (rest.since_ms, rest.text) == (3_000, "Held, without an alarm or a question")
 
 
 def test_a_machine_that_works_again_rests_anew() -> None:
-    again = (StateEvent(5_000, State.EXECUTE, ""), StateEvent(9_000, State.HELD, ""))
-    rest = reported(ALARM, StateEvent(4_000, State.HELD, ""), *again).rest
+    again = (StateEvent(5_000, State.EXECUTE, NO_TEXT), StateEvent(9_000, State.HELD, NO_TEXT))
+    rest = reported(ALARM, StateEvent(4_000, State.HELD, NO_TEXT), *again).rest
     assert rest is not None
     assert rest.since_ms == 9_000
 

@@ -19,6 +19,7 @@ from controller.core.expr import Expr
 from controller.events.kinds import AlarmEvent, as_record
 from controller.fx.language.il import write_il
 from controller.program.states import State
+from controller.program.texts.operator import NO_TEXT
 from plant_sim.cli import run as run_command
 from plant_sim.cli import trial as trial_command
 from plant_sim.cli.main import main
@@ -200,8 +201,13 @@ def test_a_signal_before_the_first_scan_ends_a_trial_with_its_report(
 
 @pytest.mark.parametrize(("by_hand", "expected"), [(False, INTERRUPTED), (True, 0)])
 def test_a_signal_during_the_start_of_a_plant_ends_a_run_with_its_report(
-    by_hand: bool, expected: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    by_hand: bool,
+    expected: int,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     ended: list[str] = []
 
     class Starting:
@@ -228,6 +234,7 @@ def test_a_signal_during_the_start_of_a_plant_ends_a_run_with_its_report(
     assert account == ACCOUNT
     assert ", 0.0 s of machine time" in rest[0]
     assert ended == ["plant"]
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -366,7 +373,7 @@ def test_the_report_of_a_trial_counts_them_too() -> None:
 
 
 def test_equal_alarms_are_told_once() -> None:
-    raised = [AlarmEvent(at_ms, number, active=True, text="") for at_ms, number in ((1, 911), (2, 905), (3, 911))]
+    raised = [AlarmEvent(at_ms, number, active=True, text=NO_TEXT) for at_ms, number in ((1, 911), (2, 905), (3, 911))]
     counts = SeedlingCounts(0, 0, 72, 0, 0, 0, total=72)
     events = [as_record(event) for event in raised]
     report = make_report(seed=1, counts=counts, events=events, reason="", simulated_s=1.0, wall_s=0.0)

@@ -16,6 +16,7 @@ from controller.events.alarm_states import AlarmState
 from controller.events.kinds import CycleEvent, RefusalEvent, StateEvent, TrayEvent
 from controller.history.writer import HistoryWriter
 from controller.program.states import State
+from controller.program.texts.operator import Text
 from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
 from tests.controller.hmi.panel.page.screen import Screen
 
@@ -34,10 +35,12 @@ def record(path: Path) -> None:
     history = HistoryWriter(path, wall_ms=lambda: next(times), program="transplanter", version="0")
     for n in range(TRAYS):
         history.write(TrayEvent(0, n + 1))
-    history.write(StateEvent(0, State.EXECUTE, "Execute"))
+    history.write(StateEvent(0, State.EXECUTE, Text.plain("Execute")))
     history.write(CycleEvent(0, "left", 3, 5_200, 300, 0))
-    history.write(AlarmChange(0, 900, "estop", AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, None, "recorded text"))
-    history.write(RefusalEvent(0, "hold", 3, "cannot hold"))
+    history.write(
+        AlarmChange(0, 900, "estop", AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, None, Text.plain("recorded text"))
+    )
+    history.write(RefusalEvent(0, "hold", 3, Text.plain("cannot hold")))
     history.close()
 
 
