@@ -33,7 +33,7 @@ from controller.history import writer as history_module
 from controller.history.file import HistoryFile, HistoryRow
 from controller.history.query import HistoryReader
 from controller.history.schema import TABLES
-from controller.program.texts.operator import Text
+from controller.program.texts.operator import LANGUAGES, Language, Text
 from tests.controller.history.history_rig import WALL_MS, history, is_sound, table
 
 PATIENCE_S = 60.0
@@ -95,6 +95,18 @@ def test_a_cycle_is_a_row_with_its_edges(tmp_path: Path) -> None:
     assert last is not None
     assert last["edges"] == [[0, "Y7", 0], [0, "Y7", 1], [8_000, "Y13", 0]]
     assert HistoryReader(path).last_cycle("left") is None
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_texts_are_recorded_in_the_selected_language(language: Language, tmp_path: Path) -> None:
+    path = tmp_path / "history.sqlite"
+    held, alarm, message = Text("Held", "已保持"), Text("alarm", "有报警"), Text("magazine empty", "苗盘仓空")
+    with history(path, language=language) as writer:
+        writer.write(StateEvent(10, 11, held, alarm))
+        writer.write(AlarmChange(20, 990, "k", AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, None, message))
+    (event,), (change,) = table(path, "events"), table(path, "alarms")
+    recorded = event["text"], json.loads(str(event["detail"]))["reason"], change["text"]
+    assert recorded == tuple(getattr(text, language) for text in (held, alarm, message))
 
 
 def test_alarms_are_recorded_only_from_the_alarm_list(tmp_path: Path) -> None:

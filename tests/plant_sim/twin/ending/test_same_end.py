@@ -19,7 +19,7 @@ from controller.core.expr import Expr
 from controller.events.kinds import AlarmEvent, as_record
 from controller.fx.language.il import write_il
 from controller.program.states import State
-from controller.program.texts.operator import NO_TEXT
+from controller.program.texts.operator import NO_TEXT, STATES
 from plant_sim.cli import run as run_command
 from plant_sim.cli import trial as trial_command
 from plant_sim.cli.main import main
@@ -120,6 +120,14 @@ def test_progress_is_told_once_and_with_the_name_of_the_alarm(
     assert len(told) == len(set(told)) == 4
     assert told[-1].split("  ")[0].strip() == "Held (alarm) trays 0/2"
     assert told[-1].endswith(f"ALARM {ALARM}")
+
+
+def test_progress_is_told_in_the_selected_language(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    assert main(["run", "--fast", "--language", "zh", "--fault", FAULT]) == 1
+    assert STATES[State.HELD].zh in capsys.readouterr().err.splitlines()[-1]
 
 
 @pytest.mark.parametrize("command", [("run", "--fast"), ("trial",), ("trial", "--ladder")], ids=" ".join)
