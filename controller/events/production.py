@@ -28,8 +28,7 @@ from controller.program.operator.next_press import what_to_do
 from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import HOLDS, Mode, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
-from controller.program.texts.operator import MODES, NO_TEXT, QUESTIONS, REASONS, STATES, Text
-from controller.program.texts.operator import SIDES as SIDE_TEXTS
+from controller.program.texts.operator import MODES, NO_TEXT, REASONS, STATES, Text, question_text
 
 _MIN_WAIT_MS: Final = 50
 """Shortest time at feed that counts as waiting, ms; an arm that does not wait is at feed for one or two scans."""
@@ -263,7 +262,5 @@ class ProductionLog(Saved):
         if questions == self._questions:
             return
         for name in sorted({*questions} ^ {*self._questions}):
-            side, _, kind = name.partition("_")
-            text = QUESTIONS[kind or side].of(SIDE_TEXTS.get(side))
-            self._report(QuestionEvent(now_ms, name, name in questions, text))
+            self._report(QuestionEvent(now_ms, name, name in questions, question_text(name)))
         self._questions = questions

@@ -125,7 +125,6 @@ def _fast(options: argparse.Namespace) -> int:
             provenance=provenance,
             rule=rule_of(options, options.trays),
             stop=options.stop,
-            language=options.language or "en",
             prepare=show_progress(view, options.trays, options.language or "en"),
         )
         _write(options, files, report)

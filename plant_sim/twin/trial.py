@@ -41,7 +41,6 @@ def run_trial(
     provenance: Provenance | None = None,
     rule: EndingRule | None = None,
     stop: StopRequest | None = None,
-    language: Language = "en",
     prepare: Callable[[Twin], None] | None = None,
 ) -> TrialReport:
     """Transplant trays in simulated time until the machine is complete, or the trial ends by its rule.
@@ -59,7 +58,6 @@ def run_trial(
         provenance: Provenance that the recording carries.
         rule: Rule by which the trial ends; None = without an operator, and with the default time limit.
         stop: Request to stop the trial; None = none.
-        language: Language of the events in the report.
         prepare: Function that is called before the run, to register monitors.
 
     Returns:
@@ -83,7 +81,7 @@ def run_trial(
     in_last_tray = 0 if seedlings is None else seedlings % TRAY_CELLS
     if in_last_tray:
         twin.plant.seedlings.fill_in_pick_order(trays - 1, in_last_tray)
-    trial = _Trial(twin, rule or EndingRule(default_max_ms(trays)), stop, language, ends_at_last=bool(in_last_tray))
+    trial = _Trial(twin, rule or EndingRule(default_max_ms(trays)), stop, ends_at_last=bool(in_last_tray))
     if prepare is not None:
         prepare(twin)
     with recorded(twin, record, seed=seed, provenance=provenance):
@@ -108,14 +106,11 @@ class _Trial:
         reported: Events so far.
     """
 
-    def __init__(
-        self, twin: Twin, rule: EndingRule, stop: StopRequest | None, language: Language, *, ends_at_last: bool
-    ) -> None:
+    def __init__(self, twin: Twin, rule: EndingRule, stop: StopRequest | None, *, ends_at_last: bool) -> None:
         self.reported = ReportedEvents()
         self._twin = twin
         self._rule = rule
         self._stop = stop
-        self._language: Language = language
         self._ends_at_last = ends_at_last
 
     def run(self) -> TrialEnd:
@@ -129,7 +124,7 @@ class _Trial:
             twin.run_for(START_PAUSE_MS)
             self._press_start()
             ending = self._until(State.COMPLETE)
-        _read(self._twin, self.reported, self._language)
+        _read(self._twin, self.reported)
         return TrialEnd(None, "") if ending is None else ending
 
     def _press_start(self) -> None:
@@ -151,7 +146,7 @@ class _Trial:
 
     def _ending(self) -> TrialEnd | None:
         """Return the end of the trial; None if it goes on."""
-        _read(self._twin, self.reported, self._language)
+        _read(self._twin, self.reported)
         if self._stop is not None and self._stop.is_set():
             return TrialEnd(None, INTERRUPTED)
         reported = self.reported
@@ -175,7 +170,7 @@ def show_progress(view: ProgressView, trays: int, language: Language = "en") -> 
     return lambda twin: twin.every(PROGRESS_MS, show)
 
 
-def _read(twin: Twin, reported: ReportedEvents, language: Language) -> None:
+def _read(twin: Twin, reported: ReportedEvents, language: Language = "en") -> None:
     """Read the events since the last call, in a language."""
     for event in twin.events[len(reported.events) :]:
         reported.apply(as_record(event, language))

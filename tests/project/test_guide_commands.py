@@ -1,6 +1,6 @@
 """Every command of every guide, executed as printed, in a separate folder for each page.
 
-By default, every third page runs, a command that is on several pages runs on the first of them, and of some commands
+By default, one page in sixteen runs, a command that is on several pages runs on the first of them, and of some commands
 only the options are checked; the complete pages run with ``--nightly``, but for commands of minutes or hours, which run
 with ``--weekly``.
 The commands of a page run in order, because later ones read files that earlier ones have written. Files that a page

@@ -97,6 +97,17 @@ _QUESTIONS: Final = {
 QUESTIONS: Final = Declared("QUESTIONS", __name__, _QUESTIONS)
 """Questions to the operator when homing cannot determine the state from the sensors."""
 
+
+def question_text(name: str) -> Text:
+    """Return the text of a question, given its name: ``tray``, or side and kind, as in ``left_loaded``.
+
+    Raises:
+        DeclarationError: There is no such question.
+    """
+    side, _, kind = name.rpartition("_")
+    return QUESTIONS[kind].of(SIDES.get(side))
+
+
 _ORDERS: Final = {
     "reset": Text("reset", "复位"),
     "start": Text("start", "启动"),

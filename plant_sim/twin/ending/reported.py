@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any, Final
 
 from controller.program.states import State
-from controller.program.texts.operator import STATES
+from controller.program.texts.operator import STATES, question_text
 from plant_sim.twin.commissioning import default_io_map, program_of
 from plant_sim.twin.ending.rule import Rest
 
@@ -103,7 +103,8 @@ class ReportedEvents:
             since_ms = max(self._rests_since_ms, self._acted_ms)
             return Rest(since_ms, f"{self.english_state}, {UNEXPLAINED}")
         names = [alarm_name(number, text) for number, text in sorted(self.alarms.items())]
-        return Rest(self._rests_since_ms, f"{self.english_state}: {'; '.join([*names, *self.questions.values()])}")
+        names += [question_text(name).en for name in self.questions]
+        return Rest(self._rests_since_ms, f"{self.english_state}: {'; '.join(names)}")
 
     @property
     def alarm_line(self) -> str:

@@ -79,16 +79,33 @@ def looks_of(url: str, for_s: float) -> int:
     looks = 0
     try:
         while looks == 0 or time.perf_counter() - begun_s < for_s:
-            connection.request("GET", LOOK)
-            answer = connection.getresponse()
-            text = answer.read()
-            looks += answer.status == http.client.OK
+            status, text = _answer(connection)
+            looks += status == http.client.OK
             if looks == 0 and time.perf_counter() - begun_s > START_LIMIT_S:
                 raise LiveError(f"{url}: no scan; {json.loads(text)}")
             threading.Event().wait(PERIOD_S)
     finally:
         connection.close()
     return looks
+
+
+def _answer(connection: http.client.HTTPConnection) -> tuple[int, bytes]:
+    """Return status and content of the answer to one request.
+
+    A server may close a kept connection while the next request is on its way. A browser then repeats the request on a
+    new connection (RFC 9112, 9.3.1), and so does this client, once.
+    """
+    try:
+        return _asked(connection)
+    except ConnectionError:
+        connection.close()
+        return _asked(connection)
+
+
+def _asked(connection: http.client.HTTPConnection) -> tuple[int, bytes]:
+    connection.request("GET", LOOK)
+    answer = connection.getresponse()
+    return answer.status, answer.read()
 
 
 if __name__ == "__main__":

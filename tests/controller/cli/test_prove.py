@@ -73,8 +73,12 @@ COMPLETE_PROOF_S = 1_800
 
 
 def expected_results(every: int) -> dict[str, Result]:
-    """Return the results by name: all requirements and invariants, and one in `every` of each other kind of goal."""
-    return ALWAYS | {name: table[name] for table in SAMPLED for name in [*table][::every]}
+    """Return the results by name: all requirements and invariants, and one in `every` of each other kind of goal.
+
+    A limit takes as long as everything else together, so that limits are omitted unless `every` is 1.
+    """
+    sampled = SAMPLED if every == 1 else [table for table in SAMPLED if Result.LISTED not in table.values()]
+    return ALWAYS | {name: table[name] for table in sampled for name in [*table][::every]}
 
 
 def test_every_goal_of_the_proof_is_expected() -> None:
@@ -90,8 +94,8 @@ def test_every_goal_of_the_proof_is_expected() -> None:
 def test_the_proof_succeeds(every: int) -> None:
     """Every goal has the result that the specification demands: requirements are proved, limits are not provable.
 
-    One step in forty, and one in forty of the ways out, checks and limits are proved by default; all of them, among
-    them the exploration of homing, every night.
+    One step in forty, and one in forty of the ways out and checks are proved by default; all of them, the limits, and
+    the exploration of homing every night. The limits of a small program are shown by default in test_limits.py.
     """
     expected = expected_results(every)
     goals = [] if every == 1 else [f"--goal={name}" for name in expected]
@@ -168,7 +172,7 @@ TRACES: dict[str, tuple[dict[str, object], str]] = {
 }
 
 
-@pytest.mark.parametrize(("fields", "expected"), one_in(2, TRACES.values()), ids=TRACES)
+@pytest.mark.parametrize(("fields", "expected"), one_in(4, TRACES.values()), ids=TRACES)
 def test_a_trace_that_cannot_be_replayed_is_reported_in_one_line(
     fields: dict[str, object], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

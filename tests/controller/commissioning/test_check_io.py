@@ -106,7 +106,7 @@ def test_each_class_of_error_at_inputs_is_found_and_named(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("wiring", "faults", "tags", "expected"),
     one_in(
-        2,
+        3,
         [
             (
                 swapped("left.lift_extend", "left.lift_retract"),
@@ -174,6 +174,7 @@ def test_outputs_without_a_sensor_are_judged_by_the_person(tmp_path: Path) -> No
     }
 
 
+@pytest.mark.nightly
 def test_outputs_of_an_axis_with_a_faulty_sensor_are_judged_by_eye(tmp_path: Path) -> None:
     with (
         wired_plant(inverted("left.lift_up")) as plant,

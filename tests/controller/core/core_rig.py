@@ -20,7 +20,7 @@ from tests.sampling import examples
 PATIENT_S = 60.0
 """Timeout for events that must occur, s; long enough for a slow computer."""
 
-THOROUGH = examples(60, nightly=200)
+THOROUGH = examples(30, nightly=200)
 """Settings of property tests, without a deadline because a slow computer must not fail a test."""
 
 

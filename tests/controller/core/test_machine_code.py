@@ -23,6 +23,7 @@ from tests.controller.core.core_rig import d, levels, m, program_of, s, x, y
 from tests.controller.export.fx_equality import STEPS, Differs, Pair, stories
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.verify.test_scan import COMMAND, SET_POINT, SET_POINT_DEFAULT, STIMULI, Scanned, programs
+from tests.sampling import examples, first_of
 
 ROWS = [field.name for field in fields(Memory)]
 A_STORY = 5_000
@@ -73,7 +74,7 @@ def check_arbitrary_program(items: list[Rung | Sequence], story: list[Scanned]) 
 
 
 @pytest.mark.usefixtures("uncached")
-@settings(max_examples=12)
+@examples(6, nightly=12)
 @given(programs(), STIMULI)
 def test_arbitrary_programs_have_equal_devices_after_every_scan(
     items: list[Rung | Sequence], story: list[Scanned]
@@ -192,13 +193,14 @@ class ExecutionPair(Pair):
 
 @pytest.mark.parametrize(
     ("scans", "seed"),
-    [(5_000, 0), pytest.param(1_000_000, 2_000, marks=[pytest.mark.nightly, pytest.mark.timeout(3_600)])],
+    first_of([(2_500, 4), (5_000, 0), pytest.param(1_000_000, 2_000, marks=pytest.mark.timeout(3_600))]),
 )
 def test_the_program_of_the_machine_has_equal_devices_after_every_scan(scans: int, seed: int) -> None:
     """The device values are equal in random scenarios with faults, power failures and late scans."""
     pairs = []
-    for number in range(seed, seed + scans // A_STORY):
-        *_, (pair, _) = stories(number, A_STORY, kind=ExecutionPair)
+    length = min(scans, A_STORY)
+    for number in range(seed, seed + scans // length):
+        *_, (pair, _) = stories(number, length, kind=ExecutionPair)
         pairs.append(pair)
     assert sum(pair.scans for pair in pairs) == scans
     assert sum(pair.moving for pair in pairs) > scans // 6, "cup pulses at random times hold the machine"

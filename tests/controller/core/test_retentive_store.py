@@ -408,7 +408,7 @@ def run_python(text: str, *arguments: object) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
 
 
-@pytest.mark.parametrize("kill", one_in(3, range(25)))
+@pytest.mark.parametrize("kill", one_in(5, range(25)))
 def test_a_file_of_a_process_killed_at_any_moment_contains_one_complete_state(store: FileStore, kill: int) -> None:
     """A process that saves continuously and is killed at a random time leaves the last saved state or the next one."""
     dice = random.Random(kill)
@@ -427,11 +427,11 @@ def test_a_file_of_a_process_killed_at_any_moment_contains_one_complete_state(st
     assert printed[-1] <= n <= printed[-1] + 1
 
 
-@pytest.mark.parametrize("every", first_of([5, 1]))
+@pytest.mark.parametrize("every", first_of([10, 1]))
 def test_a_kill_before_any_line_of_saving_leaves_the_old_or_the_new_state(store: FileStore, every: int) -> None:
     """The file is complete if the process is killed before any line of Python that saving executes, in any module.
 
-    It is killed before one line in five by default, before each line every night.
+    It is killed before one line in ten by default, before each line every night.
     """
     with run_python(KILLED_AT_EVERY_LINE, store.path, every) as process:
         assert process.stdout is not None

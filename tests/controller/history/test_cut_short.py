@@ -35,7 +35,7 @@ EARLIER_IDS: Final = list(range(2, 13))
 """Ids of the rows of the files in `SCHEMAS`, except for that of their run."""
 NEW: Final = 0
 """Version of a file that does not exist yet."""
-EVERY: Final = 12
+EVERY: Final = 24
 """Distance of the writes that are tested by default; a run has about 115."""
 
 

@@ -158,7 +158,7 @@ def test_every_tag_reads_the_same_with_two_clients(scene: Scene, client: ModbusC
         assert client.write_single_register(scene.address("set.no_cups"), cups + 1) is False
         assert client.last_except == SERVER_BUSY
     finally:
-        client.write_single_register(scene.address("simulation.pace"), FASTEST)
+        client.write_single_register(scene.address("simulation.pace"), REAL_TIME)
         master.close()
 
 
@@ -213,7 +213,7 @@ def test_pymodbus_reads_what_it_has_written(scene: Scene, client: ModbusClient) 
                 assert not master.write_coil(scene.address("command.clear"), True).isError()
                 assert word(client, scene, "machine.refusals") == refused + 1
         finally:
-            client.write_single_register(scene.address("simulation.pace"), FASTEST)
+            client.write_single_register(scene.address("simulation.pace"), REAL_TIME)
 
 
 def test_mbpoll_reads_every_table(scene: Scene, client: ModbusClient) -> None:

@@ -512,7 +512,7 @@ def loaded(path: Path) -> IoMap | str:
         return str(error)
 
 
-@examples(80, nightly=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(40, nightly=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=damaged())
 def test_a_damaged_file_gives_a_one_line_error_or_a_complete_map(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "io_map.yaml"

@@ -256,6 +256,10 @@ def test_an_emergency_stop_leaves_every_state_that_can_move() -> None:
 # optional points
 
 
+SIGNALS = wired("reset", "air_pressure_ok", "magazine_empty", "horn", "lamp_red", "lamp_green")
+"""Map without the points for which a twin runs in Python."""
+
+
 @pytest.fixture(scope="module")
 def all_wired(tmp_path_factory: pytest.TempPathFactory) -> IoMap:
     """Return the default map with every optional point wired."""
@@ -284,8 +288,8 @@ def test_a_trial_with_every_optional_point_wired(all_wired: IoMap) -> None:
     assert lamps(twin) == set()
 
 
-def test_the_reset_button_homes_and_clears(all_wired: IoMap) -> None:
-    twin = switched_on(io_map=all_wired)
+def test_the_reset_button_homes_and_clears() -> None:
+    twin = switched_on(io_map=SIGNALS)
     twin.press("reset")
     assert twin.run_until_state(State.RESETTING, within_ms=150 + warning_ms(twin.machine.tags)) > 100, (
         "homes before the release"
@@ -301,8 +305,8 @@ def test_the_reset_button_homes_and_clears(all_wired: IoMap) -> None:
     assert twin.run_until_state(State.STOPPED, within_ms=150) > 100, "clears before the release"
 
 
-def test_low_air_holds_the_machine_after_half_a_second(all_wired: IoMap) -> None:
-    twin = at_work({"trays_target": 1}, trays=2, io_map=all_wired)
+def test_low_air_holds_the_machine_after_half_a_second() -> None:
+    twin = at_work({"trays_target": 1}, trays=2, io_map=SIGNALS)
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "wait for cups")
     pressure_ok = twin.plant.supply.pressure_ok
@@ -326,8 +330,8 @@ def test_low_air_holds_the_machine_after_half_a_second(all_wired: IoMap) -> None
     assert (counts.in_tray, counts.in_claw) == (72, 0)
 
 
-def test_an_empty_magazine_is_a_warning_and_work_continues(all_wired: IoMap) -> None:
-    twin = switched_on({"trays_target": 2}, trays=2, io_map=all_wired)
+def test_an_empty_magazine_is_a_warning_and_work_continues() -> None:
+    twin = switched_on({"trays_target": 2}, trays=2, io_map=SIGNALS)
     twin.home()
     twin.start()
     assert twin.alarms() == []
@@ -341,8 +345,8 @@ def test_an_empty_magazine_is_a_warning_and_work_continues(all_wired: IoMap) -> 
     assert twin.alarms() == []
 
 
-def test_the_amber_lamp_blinks_once_a_second_while_homing(all_wired: IoMap) -> None:
-    twin = switched_on(io_map=all_wired)
+def test_the_amber_lamp_blinks_once_a_second_while_homing() -> None:
+    twin = switched_on(io_map=SIGNALS)
     twin.press("start")
     twin.run_until_state(State.RESETTING, within_ms=50 + warning_ms(twin.machine.tags))
     seen = []
@@ -354,8 +358,8 @@ def test_the_amber_lamp_blinks_once_a_second_while_homing(all_wired: IoMap) -> N
     assert 90 <= sum(seen) <= 110
 
 
-def test_suspended_is_amber_and_not_green(all_wired: IoMap) -> None:
-    twin = switched_on(trays=0, io_map=all_wired)
+def test_suspended_is_amber_and_not_green() -> None:
+    twin = switched_on(trays=0, io_map=SIGNALS)
     twin.home()
     twin.start()
     twin.run_until_state(State.SUSPENDED, within_ms=20_000)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from controller.core.expr import Timer, Word
 from controller.core.program import Program
 from controller.core.rungs import Annunciate, OnDelay, Rung
 from controller.core.sequence import Sequence
+from controller.core.specification import ComputedProperty
 from controller.program.requirements.homing import explore
 from controller.program.requirements.homing_trial import HomingTrial
 from controller.program.requirements.proof import specification
@@ -83,6 +85,12 @@ def timed(timer: Timer, ms: int) -> Program:
     return program
 
 
+@cache
+def check_of_the_machine() -> ComputedProperty:
+    """Return the check of the times in the proof of the delivered machine."""
+    return next(check for check in specification(MACHINE).checks if check.name == CHECK)
+
+
 def limited(ms: int, sequence: str, title: str) -> Program:
     """Return the program with another time limit of one step."""
     steps = (step for each in MACHINE.program.sequences() if each.name == sequence for _, step in each)
@@ -101,7 +109,7 @@ def test_each_time_that_is_believed_has_limits(name: str, side: Side) -> None:
     """The check of the proof accepts the limits and nothing beyond them, on either side."""
     believed = BELIEVED[name]
     timer = believed.timer(TAGS.arms[side])
-    check = next(check for check in specification(MACHINE).checks if check.name == CHECK)
+    check = check_of_the_machine()
     assert check.of_program is not None
     assert check.of_program(timed(timer, believed.least_ms)).holds
     assert not check.of_program(timed(timer, believed.least_ms - 10)).holds

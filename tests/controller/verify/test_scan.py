@@ -49,7 +49,7 @@ from tests.sampling import examples
 
 COMMAND, SET_POINT = m(8), d(512)
 SET_POINT_DEFAULT = 3
-SCANS = examples(25, nightly=60)
+SCANS = examples(12, nightly=60)
 """Settings with fewer examples because a symbolic scan takes about a thousand times as long as a real one."""
 
 DOWN = m(8200)

@@ -116,7 +116,7 @@ def test_a_controller_that_never_comes_ends_the_run_in_lock_step(
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["serve", "--out", "{file}/x"], "choose another folder"),
+        (["serve", "--no-reference", "--out", "{file}/x"], "choose another folder"),
         (["serve", "--out", "{folder}", "--stop-ms", "-1"], "--stop-ms -1: must be 0 to 10000"),
         (["serve", "--out", "{folder}", "--cases", "nothing"], "invalid choice"),
         (["serve", "--out", "{folder}", "--random-operator", "10"], "only in lock step"),

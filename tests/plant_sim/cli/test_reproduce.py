@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -55,19 +56,25 @@ def recorded(folder: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return a function that writes the result of a kind once, and returns its folder, which no test changes."""
+    return cache(lambda kind: write(kind, tmp_path_factory.mktemp("result")))
+
+
 @pytest.mark.parametrize("kind", first_of(RESULTS, BY_DEFAULT, nightly=NIGHTLY))
 def test_every_file_carries_its_provenance_and_the_result_is_reproduced(
-    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kind: str, results: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """No file but provenance.json contains a path, the host or the date; the files that the user gave are copied."""
-    folder = write(kind, tmp_path)
+    folder = results(kind)
     whole = recorded(folder)
     record = {key: whole[key] for key in ("command", "version", "code", "parameters", "seed", "settings")}
     written = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     assert written - {"provenance.json", "campaign.lock", *whole["given"].values()} == set(whole["files"])
     for name in whole["files"]:
         assert carried(folder / name, whole["identity"]) in (record, whole["identity"]), name
-        for place in (tmp_path, ROOT):
+        for place in (folder.parent, ROOT):
             assert str(place).encode() not in (folder / name).read_bytes(), name
     capsys.readouterr()
     assert main(["reproduce", str(folder), "--out", str(tmp_path / "again")]) == 0
@@ -91,8 +98,8 @@ def test_every_command_with_a_folder_and_every_option_is_known() -> None:
 
 
 @pytest.fixture(scope="module")
-def line_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write("line", tmp_path_factory.mktemp("line"))
+def line_result(results: Callable[[str], Path]) -> Path:
+    return results("line")
 
 
 @pytest.fixture

@@ -21,6 +21,7 @@ from plant_sim.common.defaults import DEFAULT_MACHINE
 from plant_sim.study import fleet
 from plant_sim.study.pepper import calibration_study
 from plant_sim.study.pepper import response_surface as pepper_rsm
+from plant_sim.study.planter import release_study, release_windows
 from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions
 from plant_sim.study.throughput import study as throughput
@@ -74,13 +75,23 @@ def test_a_study_is_printed_and_written(own: Path, tmp_path: Path, capsys: pytes
     assert json.loads((out / "study.json").read_text())["command"] == command
 
 
-def test_a_study_of_the_planter_counts_points(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("samples", "pitches_deg", "points"), first_of([(2, (0.0,), 34), (12, (0.0, 3.0, 6.0), 114)]))
+def test_a_study_of_the_planter_counts_points(
+    samples: int,
+    pitches_deg: tuple[float, ...],
+    points: int,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By default only for blocks without a pitch."""
+    monkeypatch.setattr(release_study, "SAMPLES", samples)
+    monkeypatch.setattr(release_windows, "PITCHES_DEG", pitches_deg)
     assert study("planter-release", "--json", "--trials", "1", "--seed", "2", "--workers", "1") == 0
     printed = capsys.readouterr()
     record = json.loads(printed.out)
     assert record["command"] == "python -m plant_sim study planter-release --trials 1 --seed 2"
     assert set(record["grounds"]) == {"rigid_ground", "bench_soil"}
-    assert printed.err.splitlines()[-1] == "114 of 114 points"
+    assert printed.err.splitlines()[-1] == f"{points} of {points} points"
 
 
 @pytest.mark.parametrize("workers", first_of(["1", "2"]))

@@ -9,6 +9,8 @@ from tests.plant_sim.machine.plant_rig import Rig
 from tests.sampling import first_of, one_in
 
 PITCH_M, LEAD_M = 0.060, 0.024
+LOOK_MS = 5
+"""Time between looks at the cup pulse, shorter than any of its levels."""
 JITTER_M = 0.0006
 """1 % of the pitch, in either direction."""
 
@@ -24,8 +26,8 @@ def edges(rig: Rig, for_ms: int) -> list[tuple[float, bool, float]]:
     cups, pulse = rig.left.cups, rig.plant.state[0]["arms"][0]["cups"]["pulse"]
     changes = []
     last_s = cups.pulse.edge_s
-    for _ in range(for_ms):
-        rig.run(1)
+    for _ in range(for_ms // LOOK_MS):
+        rig.run(LOOK_MS)
         if cups.pulse.edge_s != last_s:
             last_s = cups.pulse.edge_s
             chain_m = cups.chain_m - (rig.plant.time_ms / 1000 - last_s) * cups.speed_m_s

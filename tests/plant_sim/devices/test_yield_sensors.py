@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.core.expr import Bit
+from controller.program.states import State
 from plant_sim.common.limits import SpecError
 from plant_sim.devices.yield_sensors import (
     BEAM,
@@ -97,14 +99,16 @@ def carried(beam: SeedlingBeam, stems: Collection[int], *, speed_m_s: float, ris
     return levels
 
 
-def at_pulses(sensor: CupSensor, filled: Collection[int], *, per_min: float, cups: int) -> list[bool]:
+def at_pulses(
+    sensor: CupSensor, filled: Collection[int], *, per_min: float, cups: int, look_s: float = 0.001
+) -> list[bool]:
     """Return the outputs at the cup pulses while the chain passes with some cups filled."""
     speed_m_s = per_min / 60 * PITCH_M
     lead_m = MACHINE.cups.sensor_lead_m
     levels: list[bool] = []
     pulse, chain_m, now_s = 1, 0.0, 0.0
     while len(levels) < cups:
-        chain_m, now_s = chain_m + speed_m_s * 0.001, now_s + 0.001
+        chain_m, now_s = chain_m + speed_m_s * look_s, now_s + look_s
         level = follow_chain(sensor, chain_m, speed_m_s, filled, now_s)
         if chain_m >= pulse * PITCH_M - lead_m:
             pulse += 1
@@ -172,7 +176,7 @@ def test_the_cup_sensor_is_on_over_the_slot_of_a_filled_cup() -> None:
 def test_wrong_readings_have_their_share(share: float) -> None:
     sensor = cup_sensor()
     sensor.wrong = share
-    levels = at_pulses(sensor, range(-20, 1_000, 2), per_min=90, cups=CUPS_READ)
+    levels = at_pulses(sensor, range(-20, 1_000, 2), per_min=90, cups=CUPS_READ, look_s=LOOK_S / 2)
     wrong = sum(level != ((number - 11) % 2 == 0) for number, level in enumerate(levels))
     assert wrong / CUPS_READ == pytest.approx(share, abs=3 * (share * (1 - share) / CUPS_READ) ** 0.5)
 
@@ -223,9 +227,9 @@ def test_a_cup_that_has_passed_the_last_claw_is_still_seen() -> None:
         for side, arm in twin.plant.arms.items():
             seen[side].append(arm.cup_filled.sensor.read())
 
-    twin.watch(look)
+    twin.watch(look, devices=[Bit("X", twin.io_map[f"{side}.cup_filled"].number) for side in seen])
     twin.home(within_ms=60_000)
     twin.start()
-    twin.run_until(lambda: twin.plant.counts().in_cups == 72, within_ms=150_000)
+    twin.run_until_state(State.COMPLETE, within_ms=150_000)
     twin.run_for(20_000)
     assert {side: rising(levels) for side, levels in seen.items()} == {"left": 36, "right": 36}

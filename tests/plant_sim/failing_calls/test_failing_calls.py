@@ -18,11 +18,14 @@ import pytest
 from controller.program.states import State
 from tests.plant_sim.failing_calls.calls import Calls, Fault, Kind, Place
 from tests.plant_sim.failing_calls.judge import findings
-from tests.plant_sim.failing_calls.whole_run import Outcome, WholeRun
+from tests.plant_sim.failing_calls.whole_run import SECONDS, Outcome, WholeRun
+from tests.sampling import first_of
 
 SEED: Final = 38
 DRAWN: Final = 1
-"""Number of faults by default; each takes a second of processor time."""
+"""Number of faults by default; each takes seconds of processor time."""
+SHORT_S: Final = 18
+"""Machine time of a run by default, s: to the first motions after the start, with two of the visits."""
 PARTS: Final = 8
 """Number of cases into which the table is divided."""
 MEMORY_PARTS: Final = 4
@@ -36,7 +39,7 @@ CALLS: Final = frozenset({"accept", "close", "connect", "connect_ex", "recv", "r
 )
 
 
-def run_of(fault: Fault | None, *, threaded: bool = False) -> Outcome:
+def run_of(fault: Fault | None, *, threaded: bool = False, seconds: int = SECONDS) -> Outcome:
     """Run the run in a folder that is removed after it."""
     with TemporaryDirectory() as name, pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         if fault is not None:  # asyncio leaves a connection open if its last call fails
@@ -44,42 +47,50 @@ def run_of(fault: Fault | None, *, threaded: bool = False) -> Outcome:
         folder = Path(name) / "var"
         folder.mkdir()
         try:
-            return WholeRun(folder, fault, threaded=threaded).run(patch)
+            return WholeRun(folder, fault, threaded=threaded, seconds=seconds).run(patch)
         finally:
             gc.collect()
 
 
 @cache
-def reference(*, threaded: bool = False) -> Outcome:
+def reference(*, threaded: bool = False, seconds: int = SECONDS) -> Outcome:
     """Return the outcome without a fault."""
-    return run_of(None, threaded=threaded)
+    return run_of(None, threaded=threaded, seconds=seconds)
 
 
-def table() -> list[Fault]:
+def table(seconds: int = SECONDS) -> list[Fault]:
     """Return all faults, in random order with a fixed seed: first, middle and last call of each kind."""
     faults = [
         Fault(kind, name, place, number)
-        for kind, places in sorted(reference().calls.places.items())
-        for place, number in sorted({_call(kind, places, number) for number in (0, len(places) // 2, len(places) - 1)})
+        for kind, places in sorted(reference(seconds=seconds).calls.places.items())
+        for place, number in sorted(
+            {_call(kind, places, number, seconds) for number in (0, len(places) // 2, len(places) - 1)}
+        )
         for name in kind.faults()
     ]
     random.Random(SEED).shuffle(faults)
     return faults
 
 
-def _call(kind: Kind, places: list[Place], number: int) -> tuple[Place, int | None]:
+def _call(kind: Kind, places: list[Place], number: int, seconds: int) -> tuple[Place, int | None]:
     """Return place and number of a call that every run reaches.
 
     While connections are being closed, the number of calls depends on the threads.
     """
-    return (min(places[number], (reference().ends[-1], 0)), None) if kind.is_network else (places[number], number)
+    return (
+        (min(places[number], (reference(seconds=seconds).ends[-1], 0)), None)
+        if kind.is_network
+        else (places[number], number)
+    )
 
 
-def violations(faults: list[Fault], *, threaded: bool = False) -> list[str]:
+def violations(faults: list[Fault], *, threaded: bool = False, seconds: int = SECONDS) -> list[str]:
     return [
         f"{fault}: {found}"
         for fault in faults
-        for found in findings(run_of(fault, threaded=threaded), reference(threaded=threaded), fault)
+        for found in findings(
+            run_of(fault, threaded=threaded, seconds=seconds), reference(threaded=threaded, seconds=seconds), fault
+        )
     ]
 
 
@@ -88,8 +99,9 @@ def of_memory() -> list[Fault]:
     return [fault for fault in table() if MEMORY in fault.kind.party]
 
 
-def test_the_run_reaches_all_calls_and_ends_at_work() -> None:
-    outcome = reference()
+@pytest.mark.parametrize("seconds", first_of([SHORT_S, SECONDS]))
+def test_the_run_reaches_all_calls_and_ends_at_work(seconds: int) -> None:
+    outcome = reference(seconds=seconds)
     kinds = set(outcome.calls.places)
     assert {kind.party for kind in kinds} >= PARTIES
     assert {kind.call for kind in kinds} >= CALLS
@@ -110,8 +122,9 @@ def test_a_call_fails_by_its_number_although_its_thread_makes_it_in_an_earlier_s
     assert [calls.fails(kind) for _ in range(3)] == [None, calls.fault, None]
 
 
-def test_a_drawn_call_fails() -> None:
-    assert violations(table()[:DRAWN]) == []
+@pytest.mark.parametrize("seconds", first_of([SHORT_S, SECONDS]))
+def test_a_drawn_call_fails(seconds: int) -> None:
+    assert violations(table(seconds)[:DRAWN], seconds=seconds) == []
 
 
 @pytest.mark.nightly

@@ -55,8 +55,8 @@ ANSWERED: Final = 2
 """Scans from the request of a write to its answer: the next one takes it, and answers it after its observers."""
 FIRST_RUN: Final = SECOND // 2
 """Scans of a first run, which creates the files."""
-SCANS: Final = 30 * SECOND
-"""Scans of the run after it, which finds the files."""
+SECONDS: Final = 30
+"""Machine time of the run after it, which finds the files, s."""
 PRESSES: Final = {
     SECOND: ("start", True),
     SECOND + 10: ("start", False),
@@ -142,10 +142,13 @@ class WholeRun:
         folder: Folder of the files.
         fault: Fault of one call; None = none.
         threaded: Whether a thread writes the retentive memory, as in real time; a scan waits for it.
+        seconds: Machine time of the second run, s.
     """
 
-    def __init__(self, folder: Path, fault: Fault | None = None, *, threaded: bool = False) -> None:
-        self.folder, self._threaded = folder, threaded
+    def __init__(
+        self, folder: Path, fault: Fault | None = None, *, threaded: bool = False, seconds: int = SECONDS
+    ) -> None:
+        self.folder, self._threaded, self._scans = folder, threaded, seconds * SECOND
         self._writer: ThreadedRetentiveWriter | None = None
         self.outcome = Outcome(Calls(folder, fault))
         self._events = folder.parent / "events.txt"
@@ -182,7 +185,7 @@ class WholeRun:
             options += (
                 f" --pace 65535 --timeout-ms 1000 --hmi-port {hmi_port} --constants {constants} --scan-ms {SCAN_MS}"
             )
-            for capture, scans in zip(self._captures, (FIRST_RUN, SCANS), strict=True):
+            for capture, scans in zip(self._captures, (FIRST_RUN, self._scans), strict=True):
                 files = ["--capture", str(capture), *retained(self.folder / "retentive.json")]
                 self._control([*options.split(), *files], scans)
             outcome.outputs_on = server.call(self._outputs_on)

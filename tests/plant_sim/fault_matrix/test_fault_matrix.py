@@ -173,7 +173,7 @@ def test_the_sample_has_every_kind() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "name", "side"), one_in(4, SAMPLE), ids=[text.partition("@")[0] for text, _, _ in SAMPLE]
+    ("text", "name", "side"), one_in(6, SAMPLE), ids=[text.partition("@")[0] for text, _, _ in SAMPLE]
 )
 def test_a_fault_gives_its_alarm_and_every_seedling_is_counted_once(text: str, name: str, side: str) -> None:
     """The first alarm is the one expected for the fault; after repair, homing and a start, the trial completes."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -17,6 +17,7 @@ from plant_sim.planter.falls import default_table
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.scatter import Ground
 from tests.plant_sim.line.test_ground import VARIED, stretches
+from tests.sampling import examples
 
 TABLE = default_table(Ground.SOIL)
 PITCH_M = ChainPlanter(TABLE, TABLE.planter.grip.clamp_n).pitch_m
@@ -102,7 +103,7 @@ def test_the_motor_runs_on_when_the_tractor_stops() -> None:
     assert np.isinf(drive.per_m_at(stop_s + 1.0))
 
 
-@settings(derandomize=True)
+@examples(30, nightly=100, derandomize=True)
 @given(stretches, st.floats(0.02, 5.0), st.booleans())
 def test_the_inverse_of_a_drive_returns_its_cycles(each: list[Stretch], lag_s: float, is_motor: bool) -> None:
     ground = ground_of(*each, length_m=40.0)

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 
 from plant_sim.line.ground import SlipSpec, SpeedProfile, Stretch, WheelSlip
+from tests.sampling import examples
 
 VARIED = (
     Stretch(0.4, for_m=20.0),
@@ -46,7 +47,7 @@ def test_the_travel_is_the_integral_of_the_speed() -> None:
     assert np.abs(ground.travel_at(time_s) - integral_m).max() < 1e-5
 
 
-@settings(derandomize=True)
+@examples(30, nightly=100, derandomize=True)
 @given(stretches)
 def test_the_inverse_returns_the_earliest_time_of_a_travel(each: list[Stretch]) -> None:
     ground = profile(*each, length_m=50.0)

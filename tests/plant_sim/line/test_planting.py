@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from plant_sim.line.drive import MotorDrive, WheelDrive
@@ -30,6 +30,7 @@ from plant_sim.planter.quality import injury_share
 from plant_sim.planter.scatter import Ground
 from plant_sim.planter.verdict import Stand
 from tests.plant_sim.line.test_ground import stretches
+from tests.sampling import examples
 
 SPEED_M_S = 0.3
 SPACING_M = 0.4
@@ -277,7 +278,7 @@ def test_a_plug_in_the_window_of_the_next_planter_makes_a_double() -> None:
     assert set(transport.cause[1::2].tolist()) == {Missing.NONE}
 
 
-@settings(derandomize=True)
+@examples(30, nightly=100, derandomize=True)
 @given(
     stretches,
     st.booleans(),

@@ -68,7 +68,8 @@ def test_the_needed_window_follows_from_the_scatter_of_the_chute(combined: LineR
     assert combined.missing["handover"] == 0
 
 
-def test_injury_is_stated_for_cabbage_blocks_only(combined: LineResult, cabbage: LineResult) -> None:
+def test_injury_is_stated_for_cabbage_blocks_only(cabbage: LineResult) -> None:
+    combined = result("combined", 5.0)
     assert "injured" not in combined.rates
     assert all(row.injured is None for row in combined.rows)
     assert (

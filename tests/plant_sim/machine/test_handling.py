@@ -7,6 +7,7 @@ import pytest
 from plant_sim.crop.seedling import Location, SeedlingCounts
 from plant_sim.crop.traits import TYPICAL, Traits
 from tests.plant_sim.machine.plant_rig import Rig
+from tests.sampling import first_of
 
 
 def thriving(rig: Rig) -> Rig:
@@ -161,17 +162,18 @@ def test_an_opening_aborted_at_once_drops_nothing() -> None:
     assert rig.plant.events == []
 
 
-def test_a_stem_held_too_long_breaks_over_the_cups() -> None:
-    """A stem slightly weaker than a typical one survives the move to feed, but not ten minutes there."""
+@pytest.mark.parametrize("rest_s", first_of([120, 600]))
+def test_a_stem_held_too_long_breaks_over_the_cups(rest_s: int) -> None:
+    """A stem slightly weaker than a typical one survives the move to feed, but not two minutes there, nor ten."""
     rig = rig_with_tray()
     frail = rig.column(0)[0]
     rig.pick(1)
     mechanics, history = rig.left.grip._mechanics, rig.left.grip.history
     held_s = rig.plant.time_ms / 1000 - history.since_s
-    lasting = [float(mechanics.break_margin(history.peak_n, s)) for s in (held_s + 5, held_s + 600)]
+    lasting = [float(mechanics.break_margin(history.peak_n, s)) for s in (held_s + 5, held_s + rest_s)]
     assert lasting[0] > lasting[1] + 0.3
     frail.traits = TYPICAL._replace(endurance=-sum(lasting) / 2)
-    rig.run(600_000)
+    rig.run(1_000 * rest_s)
     rig.throw()
     assert frail.location is Location.LOST_CARRY
     assert rig.plant.counts() == counts(D=1, in_cups=11)

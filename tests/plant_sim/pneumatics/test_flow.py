@@ -21,6 +21,7 @@ from tests.plant_sim.pneumatics.pneumatics_rig import (
     nozzles_in_series,
     squeeze,
 )
+from tests.sampling import examples
 
 KAPPA = 1.4
 
@@ -97,7 +98,7 @@ def ideal_flow(up_pa: float, down_pa: float, conductance: float, critical: float
     return conductance * up_pa * math.sqrt(1 - past**2)
 
 
-@settings(derandomize=True, max_examples=300)
+@examples(60, nightly=300, derandomize=True)
 @given(
     wider=st.floats(-1.5, 1.5).map(lambda decades: 10**decades),
     ratios=st.tuples(st.floats(0.05, 0.6), st.floats(0.05, 0.6)),

@@ -29,8 +29,13 @@ REMEDY = "run 'python -m controller prove --mutants 300 --seed 1 --out docs/refe
 
 
 @cache
+def mutants() -> list[Mutant]:
+    return mutants_of(MACHINE.program)
+
+
+@cache
 def chosen(count: int) -> list[Mutant]:
-    return sample(mutants_of(MACHINE.program), count, SEED)
+    return sample(mutants(), count, SEED)
 
 
 @cache
@@ -79,7 +84,7 @@ def test_every_mutant_is_killed_or_classified(number: int) -> None:
 
 def test_the_list_contains_only_mutants_of_the_program() -> None:
     """A changed program may leave reasons behind that belong to no mutant."""
-    names = {str(mutant) for mutant in mutants_of(MACHINE.program)}
+    names = {str(mutant) for mutant in mutants()}
     assert [name for name in listed_survivors(LISTED) if name not in names] == []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,23 +29,29 @@ def without_times(reports: list[TrialReport]) -> list[TrialReport]:
     return [replace(report, wall_s=0.0) for report in reports]
 
 
-def test_a_fleet_gives_the_reports_of_single_trials_whatever_the_number_of_processes() -> None:
+@cache
+def alone() -> tuple[list[TrialReport], list[tuple[int, int]]]:
+    """Return the reports of the fleet in this process, and the progress that was reported."""
     done: list[tuple[int, int]] = []
-    alone = run_fleet(FLEET, workers=1, progress=lambda *step: done.append(step))
+    return run_fleet(FLEET, workers=1, progress=lambda *step: done.append(step)), done
+
+
+def test_a_fleet_gives_the_reports_of_single_trials_whatever_the_number_of_processes() -> None:
+    reports, done = alone()
     assert done == [(number, len(FLEET)) for number in range(1, len(FLEET) + 1)]
-    assert without_times(alone) == without_times(run_fleet(FLEET, workers=2))
+    assert without_times(reports) == without_times(run_fleet(FLEET, workers=2))
     single = run_trial(seed=4, seedlings=12, faults=FLEET[3].faults)
-    assert without_times([alone[3]]) == without_times([single])
+    assert without_times([reports[3]]) == without_times([single])
 
 
 @pytest.mark.nightly
 def test_the_order_of_the_machines_does_not_affect_them() -> None:
-    forward = run_fleet(FLEET, workers=1)
+    forward, _ = alone()
     assert without_times(run_fleet(FLEET[::-1], workers=1)) == without_times(forward)[::-1]
 
 
 def test_results_are_an_array_with_one_record_per_machine() -> None:
-    array = results(run_fleet(FLEET, workers=1))
+    array = results(alone()[0])
     assert array.dtype == RESULT
     assert array["seed"].tolist() == [1, 2, 3, 4, 5]
     assert array["seedlings"].tolist() == [12, 12, 24, 12, 12]

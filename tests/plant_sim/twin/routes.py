@@ -98,8 +98,8 @@ def sampled(stops: Sequence[Stop], share: int, of: int) -> list[ParameterSet]:
 def interrupted(share: int) -> list[ParameterSet]:
     """Return test parameters for every step, for one of three tests that interrupt every step.
 
-    By default, each test takes a quarter of the steps of the arms, so that together they cover every step on at least
-    one arm, and a third of the steps of the feeder.
+    By default, a test takes at most a quarter of the steps of the arms and a third of those of the feeder; no two tests
+    take the same step of an arm.
 
     Args:
         share: Index of the test, 0 to 2.

@@ -308,15 +308,17 @@ class TcpMachine:
         return State(self.plc.read(self.state))
 
 
+RELEASE_AFTER = 10
+"""Last scan in which the button is pressed."""
 WHOLE_TRIAL = 20_000
 """Number of scans that is sufficient for homing or for a trial."""
 
 
-@pytest.mark.parametrize(("trays", "scans"), first_of([(1, 3_000), (1, WHOLE_TRIAL), (2, WHOLE_TRIAL)]))
+@pytest.mark.parametrize(("trays", "scans"), first_of([(1, 2_200), (1, 3_000), (1, WHOLE_TRIAL), (2, WHOLE_TRIAL)]))
 def test_a_trial_over_modbus_equals_the_trial_in_process(trays: int, scans: int) -> None:
     """In lock step, a trial of two processes over Modbus has the same events and counts as one in a single process.
 
-    By default the trials are compared 30 s after the start.
+    By default the trials are compared 22 s after the start, when the first rows have been picked.
     """
     with ExitStack() as stack:
         _, port = stack.enter_context(plant_process(*LOCK_STEP, "--seed", "7", "--trays", str(trays)))
@@ -330,20 +332,22 @@ def test_a_trial_over_modbus_equals_the_trial_in_process(trays: int, scans: int)
             operator.hold("start", pressed=True)
             near.plant.box.start = True
             for number in range(scans):
-                near.scan()
                 state = far.scan()
-                if number == 10:
+                if number == RELEASE_AFTER:
                     operator.hold("start", pressed=False)
-                    near.plant.box.start = False
                 if state == until:
                     break
+            near.run_for((RELEASE_AFTER + 1) * SCAN_MS)
+            near.plant.box.start = False
+            near.run_for((number - RELEASE_AFTER) * SCAN_MS)
             assert near.state == state
             assert state == until or scans < WHOLE_TRIAL
         assert far.events == near.events
         counts = counts_of(operator.telemetry())
     assert counts == near.plant.counts()
     assert counts.total == 72 * trays
-    assert counts.in_cups >= 12
+    assert counts.in_cups + counts.in_claw >= 12
+    assert counts.in_cups >= 12 or scans < 3_000
     assert counts.in_cups + counts.P + counts.D + counts.T == counts.total or scans < WHOLE_TRIAL
 
 

@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 from xml.etree import ElementTree as ET
 
@@ -136,45 +137,52 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.parametrize("program", PROGRAMS.values(), ids=PROGRAMS)
-def test_every_instruction_is_drawn_exactly_once(program: Ladder) -> None:
+@cache
+def pictures(name: str) -> dict[str, str]:
+    """Return the files of one of the programs."""
+    return draw(PROGRAMS[name])
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_every_instruction_is_drawn_exactly_once(name: str) -> None:
     found: list[int] = []
-    for svg in rungs(draw(program)).values():
+    for svg in rungs(pictures(name)).values():
         for group in ET.fromstring(svg).iter(f"{NAMESPACE}g"):  # noqa: S314 - generated text
             if group.get("class") == "symbol":
                 found.append(int(group.attrib["data-at"]))
             found += map(int, group.get("data-joins", "").split())
-    assert sorted(found) == list(range(len(program.instructions)))
+    assert sorted(found) == list(range(len(PROGRAMS[name].instructions)))
 
 
-@pytest.mark.parametrize("program", PROGRAMS.values(), ids=PROGRAMS)
-def test_a_symbol_shows_its_instruction(program: Ladder) -> None:
-    for svg in rungs(draw(program)).values():
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_symbol_shows_its_instruction(name: str) -> None:
+    for svg in rungs(pictures(name)).values():
         for group in ET.fromstring(svg).iter(f"{NAMESPACE}g"):  # noqa: S314 - generated text
             if group.get("class") == "symbol":
                 text = " ".join(filter(None, (t.text for t in group.iter(f"{NAMESPACE}text"))))
-                for operand in program.instructions[int(group.attrib["data-at"])].operands:
+                for operand in PROGRAMS[name].instructions[int(group.attrib["data-at"])].operands:
                     assert str(operand) in text
 
 
-@pytest.mark.parametrize("program", PROGRAMS.values(), ids=PROGRAMS)
-def test_no_overlaps_and_nothing_outside_the_page(program: Ladder) -> None:
-    for name, svg in draw(program).items():
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_no_overlaps_and_nothing_outside_the_page(name: str) -> None:
+    instructions = PROGRAMS[name].instructions
+    for file, svg in pictures(name).items():
         root = ET.fromstring(svg)  # noqa: S314 - generated text
         width, height = numbers(root, "width", "height")
         assert root.attrib["viewBox"] == f"0 0 {width:g} {height:g}"
         page = around(list(bounds(root)))
-        assert (page.left, page.top) == (0, 0), name
-        assert (page.right, page.bottom) == (width, height), name
+        assert (page.left, page.top) == (0, 0), file
+        assert (page.right, page.bottom) == (width, height), file
         ends = [numbers(line, "x1", "y1", "x2", "y2") for line in root.iter(f"{NAMESPACE}line")]
-        assert all(end[:2] != end[2:] for end in ends), f"{name}: a line without length"
+        assert all(end[:2] != end[2:] for end in ends), f"{file}: a line without length"
         own = sorted(symbols(svg).items(), key=lambda item: item[1].top)
         for (one, box), (other, its) in combinations(own, 2):
-            assert not box.overlaps(its), f"{name}: {program.instructions[one]} and {program.instructions[other]}"
+            assert not box.overlaps(its), f"{file}: {instructions[one]} and {instructions[other]}"
 
 
 def test_steps_and_conditions_of_a_chart_do_not_overlap() -> None:
-    for name, svg in draw(EXPORTED).items():
+    for name, svg in pictures("machine").items():
         if name.startswith("steps_"):
             root = ET.fromstring(svg)  # noqa: S314 - generated text
             texts = [box for t in root.iter(f"{NAMESPACE}text") for box in bounds(t)]
@@ -267,7 +275,7 @@ def test_long_block_continues_in_another_file() -> None:
 
 
 def test_each_block_has_a_file_and_steps_have_none() -> None:
-    titles = {re.sub(r"(_\d+)?\.svg$", "", name)[3:] for name in rungs(draw(EXPORTED))}
+    titles = {re.sub(r"(_\d+)?\.svg$", "", name)[3:] for name in rungs(pictures("machine"))}
     assert {"power_up", "modes", "left_arm", "tray_feeder", "interlocks_and_outputs"} <= titles
     assert "settle_at_row" not in titles
 
@@ -321,7 +329,7 @@ def test_a_join_leaves_all_its_steps() -> None:
 
 
 def test_the_charts_of_the_machine_are_its_sequences() -> None:
-    assert [name for name in draw(EXPORTED) if name.startswith("steps_")] == [
+    assert [name for name in pictures("machine") if name.startswith("steps_")] == [
         "steps_S20.svg",
         "steps_S100.svg",
         "steps_S60.svg",

@@ -251,7 +251,7 @@ def check_program(text: str, story: list[FxScan]) -> None:
         plc.scan(now_ms, scanned.levels)
 
 
-@examples(8, nightly=100)
+@examples(5, nightly=100)
 @given(programs(), STORIES)
 def test_arbitrary_programs_have_equal_devices_after_every_scan(text: str, story: list[FxScan]) -> None:
     check_program(text, story)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.il import read_il
+from tests.sampling import examples
 
 INPUTS = ("X0", "X1", "X2", "X3")
 COILS = ("Y0", "Y1", "M0", "M1", "M2")
@@ -154,7 +155,7 @@ def text_of(lines: list[Line]) -> Iterator[str]:
     yield "END"
 
 
-@settings(max_examples=25)
+@examples(12, nightly=25)
 @given(NETWORKS | CONTROLLED, STORIES)
 def test_engine_and_stack_machine_agree_in_every_scan(lines: list[Line], story: list[Levels]) -> None:
     compare(lines, story)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.il import read_il
+from tests.sampling import examples
 
 INPUTS = ("X0", "X1", "X2")
 STATES = ("S20", "S21", "S22", "S23")
@@ -93,7 +94,7 @@ def text_of(chart: Chart) -> str:
     return "\n".join([*lines, "RET", "END"])
 
 
-@settings(max_examples=40)
+@examples(20, nightly=40)
 @given(CHARTS, STORIES)
 def test_engine_agrees_with_the_rules_in_every_scan(chart: Chart, story: list[tuple[tuple[bool, ...], bool]]) -> None:
     compare(chart, story)

@@ -156,7 +156,7 @@ def words_of_csv(data: bytes) -> list[list[str]]:
     return found
 
 
-COUNTS = pytest.mark.parametrize("count", [750, pytest.param(10_000, marks=pytest.mark.nightly)])
+COUNTS = pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.nightly)])
 
 
 @COUNTS

@@ -182,7 +182,7 @@ def test_round_trip_of_any_rungs(rungs: list[tuple[str, str, str]]) -> None:
     assert read_wpg(wpg(ladder)) == ladder
 
 
-@examples(200, nightly=5_000)
+@examples(100, nightly=5_000)
 @given(st.data())
 def test_damaged_file_is_refused_in_one_line_or_is_another_program(data: st.DataObject) -> None:
     """No damage goes unnoticed: what is read encodes to exactly the damaged bytes."""

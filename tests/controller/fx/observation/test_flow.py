@@ -48,7 +48,7 @@ def check_network(lines: list[networks.Line], story: list[networks.Levels]) -> N
         check_outputs(ladder, flow, end.observe(plc.memory))
 
 
-@examples(20, nightly=200)
+@examples(10, nightly=200)
 @given(networks.NETWORKS | networks.CONTROLLED, networks.STORIES)
 def test_wires_before_outputs_have_the_recorded_power(lines: list[networks.Line], story: list[networks.Levels]) -> None:
     check_network(lines, story[:4])

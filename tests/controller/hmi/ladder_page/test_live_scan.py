@@ -67,13 +67,14 @@ class ReadPlc(Plc):
     Attributes:
         found: Scans with differences, across all instances.
         compared: Number of scans, across all instances.
+        every: Number of scans, at the end of which `HELD_SCANS` scans are compared.
     """
 
     found: ClassVar[list[tuple[int, list[str]]]] = []
     compared: ClassVar[int] = 0
     observer: ClassVar[ObservedPlc]
     reader: ClassVar[LiveScanObserver]
-    every: ClassVar[int] = 40
+    every: ClassVar[int]
 
     def __init__(self, program: Program, *, input_filter_ms: int = 10, execution: Execution | None = None) -> None:
         super().__init__(program, input_filter_ms=input_filter_ms, execution=execution)
@@ -102,7 +103,10 @@ class ReadPlc(Plc):
         return outputs
 
 
-def test_every_scan_of_a_run_with_faults_is_that_of_the_controller(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("every", first_of([120, 40]))
+def test_every_scan_of_a_run_with_faults_is_that_of_the_controller(every: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of each 120 scans, and every night of each 40, the last ones are compared."""
+    monkeypatch.setattr(ReadPlc, "every", every, raising=False)
     monkeypatch.setattr(twin_module, "Plc", ReadPlc)
     monkeypatch.setattr(ReadPlc, "observer", ObservedPlc(LADDER, input_filter_ms=0), raising=False)
     monkeypatch.setattr(ReadPlc, "reader", LiveScanObserver(LADDER, SCRATCH_WORDS), raising=False)
@@ -163,13 +167,13 @@ UNCLEAR_TIMERS = ("OUT T0 D0", "MOV D0 T0")
     ("programs", "excluded", "least_equal"),
     first_of(
         [
-            (15, (*UNREADABLE, *UNCLEAR_TIMERS), 0.75),
+            (10, (*UNREADABLE, *UNCLEAR_TIMERS), 0.75),
             (600, (*UNREADABLE, *UNCLEAR_TIMERS), 0.75),
             (600, UNREADABLE, 0.7),
         ],
         1,
     ),
-    ids=["15", "600", "600 with unclear timers"],
+    ids=["10", "600", "600 with unclear timers"],
 )
 def test_scans_of_arbitrary_programs_are_shown_as_executed_or_not_at_all(
     programs: int, excluded: tuple[str, ...], least_equal: float

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from controller.hmi.modbus.connection import ANSWER_LIMIT_S
@@ -23,6 +23,7 @@ from controller.program.states import Mode, State
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from tests.controller.hmi.panel.panel_rig import Browser, PanelRig
 from tests.plant_sim.twin.twin_rig import switched_on
+from tests.sampling import examples
 
 ORDERS: list[dict[str, Any]] = [
     {"type": "command", "command": "abort"},
@@ -321,7 +322,7 @@ def test_any_text_is_an_order_or_refused(text: str) -> None:
         read_order(text)
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(20, nightly=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     message=st.dictionaries(st.sampled_from(KEYS), JSON, max_size=8),
     type_=st.sampled_from(TYPES),

@@ -17,7 +17,7 @@ from controller.program.tags import SIDES
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.row_motion import MotionWatch
 from plant_sim.twin.lock_step import Twin
-from tests.sampling import one_in
+from tests.sampling import first_of, one_in
 
 MACHINE = load_machine()
 CATCH_M = MACHINE.cups.catch_m
@@ -82,7 +82,7 @@ def test_plugs_land_in_their_cups_at_every_permitted_frequency(per_min: float) -
 LEVELS = [float(per_min) for per_min in range(20, 100, 10)]
 
 
-@pytest.mark.parametrize(("one", "other"), one_in(29, permutations(LEVELS, 2)))
+@pytest.mark.parametrize(("one", "other"), first_of(permutations(LEVELS, 2)))
 def test_plugs_land_in_their_cups_in_ramps_between_two_frequencies(one: float, other: float) -> None:
     """Each phase lasts 5 to 9 cups and no whole number of them, so that the ramps begin anywhere in a cup."""
     draws = random.Random(f"{one} {other}")
@@ -90,7 +90,7 @@ def test_plugs_land_in_their_cups_in_ramps_between_two_frequencies(one: float, o
     assert worst_m(told(story, per_min=one)) < CATCH_M
 
 
-@pytest.mark.parametrize(("seed", "per_min"), one_in(2, [(4, 80.0), *one_in(17, product(range(5, 11), LEVELS))]))
+@pytest.mark.parametrize(("seed", "per_min"), first_of([(4, 80.0), *product(range(5, 11), LEVELS)]))
 def test_plugs_land_in_their_cups_when_the_tractor_stops_and_starts_again(seed: int, per_min: float) -> None:
     """In story 4 at 80 per minute, the flag that times a release is much shorter than the one before."""
     draws = random.Random(f"{seed} {per_min}")
@@ -105,7 +105,7 @@ def test_plugs_land_in_their_cups_when_the_tractor_stops_and_starts_again(seed: 
     assert worst_m(told(story, per_min=per_min)) < CATCH_M
 
 
-@pytest.mark.parametrize("seed", one_in(20, range(1, 41)))
+@pytest.mark.parametrize("seed", first_of(range(1, 41)))
 def test_plugs_land_in_their_cups_on_a_random_drive(seed: int) -> None:
     """Frequencies, ramps up to 30 per minute per second, and standstills are drawn at random."""
     draws = random.Random(seed)

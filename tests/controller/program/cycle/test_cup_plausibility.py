@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from controller.common.modbus.io_map import IoMap
+from controller.core.expr import any_of
 from controller.program.cups import RAMP_PER_MIN_S, shortest_next_s
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
@@ -22,6 +23,8 @@ from tests.wiring import wired
 
 MACHINE = load_machine()
 WITHIN_CUPS = 12
+FALL_MS = 300
+"""Longest time from the release of a row to its first seedling in a cup, ms."""
 GROUND = wired("ground_pulse")
 CUP_ALARMS = {"cups_fast", "cups_implausible", "cups_ground", "left: cup counts", "right: cup counts"}
 
@@ -33,7 +36,10 @@ def at_frequency(per_min: float, *, seed: int = 1, io_map: IoMap | None = None, 
     twin.plant.seedlings.make_typical()
     twin.home(within_ms=60_000)
     twin.start()
-    twin.run_until(lambda: twin.plant.counts().in_cups > 0, within_ms=150_000)
+    opening = any_of(*(twin.step_of(f"{side} arm", "open claws") for side in SIDES))
+    while not twin.plant.counts().in_cups:
+        twin.run_until(opening, within_ms=150_000)
+        twin.runs_until(lambda: twin.plant.counts().in_cups > 0, for_ms=FALL_MS)
     return twin
 
 
@@ -133,7 +139,7 @@ def cups_until_wrong(twin: Twin, side: Side) -> float:
     return max(index - turns, 0.0)
 
 
-@pytest.mark.parametrize("per_min", one_in(4, [45.0, 20.0, 25.0, 30.0, 36.0, 60.0, 75.0, 90.0]))
+@pytest.mark.parametrize("per_min", first_of([45.0, 20.0, 25.0, 30.0, 36.0, 60.0, 75.0, 90.0]))
 def test_both_rows_counted_twice_are_reported_before_a_throw(per_min: float) -> None:
     twin = at_frequency(per_min)
     alter(twin, SIDES, DOUBLED, 1.0)

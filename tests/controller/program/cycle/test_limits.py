@@ -84,7 +84,7 @@ def is_up_at_feed(twin: Twin, side: Side) -> bool:
     return sensors["slide_at_feed"].read() and sensors["lift_up"].read()
 
 
-@pytest.mark.parametrize("stop", one_in(2, sampled(WATCHED, 0, of=4)))
+@pytest.mark.parametrize("stop", one_in(3, sampled(WATCHED, 0, of=4)))
 def test_a_jam_raises_the_alarm_of_its_step_and_the_trial_can_be_finished(stop: Stop) -> None:
     """If an actuator jams as its step begins, its arm stops with an alarm; after repair the trial can be finished."""
     assert stop.step.watch is not None

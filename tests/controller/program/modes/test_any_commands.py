@@ -191,7 +191,7 @@ def search(rig: Rig, how: settings) -> None:
     run()
 
 
-@pytest.mark.parametrize("examples", first_of([90, SEARCH.max_examples]))
+@pytest.mark.parametrize("examples", first_of([40, 90, SEARCH.max_examples]))
 def test_no_requirement_or_invariant_is_violated_in_random_scenarios(examples: int) -> None:
     """No scan of the rare situations or of the random scenarios violates a requirement or an invariant."""
     rig = Rig(MACHINE)

@@ -16,8 +16,8 @@ from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import press_emergency_stop
 from tests.controller.program.modes.hands import jog_command
 from tests.plant_sim.twin.routes import BRISK, empty_the_magazine, fill_the_magazine, restart_tractor, run_row_1, run_to
-from tests.plant_sim.twin.twin_rig import TRAY_MS, moving_outputs, switched_on, tags_of, until_step
-from tests.sampling import one_in
+from tests.plant_sim.twin.twin_rig import TRAY_MS, moving_outputs, output_bits, switched_on, tags_of, until_step
+from tests.sampling import first_of, one_in
 from tests.wiring import DELIVERED, wired
 
 BOTH = wired("guard", "horn")
@@ -132,7 +132,7 @@ def test_only_orders_and_resumes_are_announced() -> None:
     """In a trial, the horn sounds before homing and before the start, and no cup is missed for it."""
     twin, count = machine(), []
     horn = [False]
-    twin.watch(lambda each: horn.append("horn" in each.outputs()))
+    twin.watch(lambda each: horn.append("horn" in each.outputs()), output_bits(twin))
     twin.home()
     twin.start()
     count.append(sum(now and not before for before, now in itertools.pairwise(horn)))
@@ -269,7 +269,7 @@ def test_a_loaded_arm_releases_nothing_during_the_warning() -> None:
     twin.run_until(tags_of(twin, "left").thrown, within_ms=TRAY_MS, what="row released")
 
 
-@pytest.mark.parametrize("stands_ms", [0, 15_000])
+@pytest.mark.parametrize("stands_ms", first_of([15_000, 0]))
 def test_the_warning_costs_no_cup(stands_ms: int) -> None:
     """Also if the tractor stands meanwhile: the cups that pass during the warning are not even yet."""
     missed = []

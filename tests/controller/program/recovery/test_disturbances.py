@@ -48,7 +48,7 @@ def check_trial(twin: Twin, route: Route) -> None:
     assert route.discards or route.loosens or counts == wanted
 
 
-@pytest.mark.parametrize("stop", one_in(2, interrupted(0)))
+@pytest.mark.parametrize("stop", one_in(3, interrupted(0)))
 def test_a_link_lost_in_any_step_derives_no_state_from_assumed_inputs(stop: Stop) -> None:
     """A link loss of half a second leads to Aborted; clear, home and start resume work without losses."""
     route = route_to(stop)
@@ -180,8 +180,7 @@ class SlowStore:
             ("release delay", 250, 400),
             ("close claws", 230, 230),
             *((step, 250, first_ms) for step in ("close claws", "release delay") for first_ms in range(0, 400, 40)),
-        ],
-        2,
+        ]
     ),
 )
 def test_a_slow_store_causes_no_claw_stroke_to_be_skipped(step: str, takes_ms: int, first_takes_ms: int) -> None:

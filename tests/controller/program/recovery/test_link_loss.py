@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from controller.core.scan import Plc
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
-from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.states import State
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import home_again
 from tests.controller.program.recovery.cable import CableLink
 from tests.plant_sim.twin.twin_rig import moved_from_now_on
+from tests.wiring import wired
 
 LIMIT_MS = 100
 
@@ -23,15 +21,20 @@ LIMIT_MS = 100
 def cabled() -> tuple[Twin, CableLink]:
     """Return a twin in Execute with the left slide moving inward, and its link, whose cable can be disconnected."""
     twin = Twin(trays=1, set_points={"trays_target": 1})
-    cable = CableLink(twin.module)
-    twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectRetentiveWriter(twin.store))
-    twin.plc.write(twin.machine.tags.sp.trays_target, 1)
     twin.home()
     twin.start()
-    twin.run_until(lambda: twin.in_step("left arm", "approach row"), within_ms=30_000)
+    twin.run_until(twin.step_of("left arm", "approach row"), within_ms=30_000)
     twin.run_for(500)
     assert "left.slide_inward" in twin.outputs()
-    return twin, cable
+    return twin, connected(twin)
+
+
+def connected(twin: Twin) -> CableLink:
+    """Connect a twin through a cable that can be disconnected, and return its link."""
+    cable = CableLink(twin.module)
+    cable.open()
+    twin.runtime.field.link = cable
+    return cable
 
 
 def test_a_gap_within_the_limit_is_bridged(cabled: tuple[Twin, CableLink]) -> None:
@@ -129,17 +132,13 @@ def test_a_field_that_never_responded_is_a_lost_link_from_the_first_scan() -> No
     assert twin.alarms() == ["link_lost"]
 
 
-def test_the_field_recovers_with_horn_and_red_lamp_wired(tmp_path: Path) -> None:
+def test_the_field_recovers_with_horn_and_red_lamp_wired() -> None:
     """The tripped module receives the safe image that it requires, even though the horn and the red lamp are on."""
-    text = DEFAULT_IO_MAP.read_text(encoding="utf-8")
-    wired = tmp_path / "io_map.yaml"
-    wired.write_text(text.replace("wired: false", "wired: true"), encoding="utf-8")
-    twin = Twin(trays=1, io_map=load_io_map(wired))
-    cable = CableLink(twin.module)
-    twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectRetentiveWriter(twin.store))
+    twin = Twin(trays=1, io_map=wired("horn", "lamp_red"))
     twin.home()
     twin.start()
-    twin.run_until(lambda: bool(twin.outputs() & {"left.lift_extend", "left.spread"}), within_ms=30_000)
+    twin.run_until(twin.step_of("left arm", "spread"), within_ms=30_000)
+    cable = connected(twin)
     cable.pulled = True
     twin.run_until(lambda: twin.module.tripped, within_ms=200)
     twin.run_for(1_000)

@@ -52,7 +52,8 @@ def test_the_tray_of_a_new_machine_is_conveyed_out_by_x0_without_a_question() ->
     assert (twin.state, twin.plant.conveyor.placed_tray) == (State.STOPPED, 0)
     begin_homing(twin)
     asked: set[str] = set()
-    twin.watch(lambda each: asked.update(questions(each)))
+    asking = [twin.machine.tags.tray.ask, *(tags_of(twin, side).ask for side in SIDES)]
+    twin.watch(lambda each: asked.update(questions(each)), asking)
     twin.run_until_state(State.IDLE, within_ms=60_000)
     assert asked == set()
     assert twin.plant.conveyor.placed_tray == 1

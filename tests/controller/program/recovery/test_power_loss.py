@@ -64,7 +64,7 @@ def check_at_rest(twin: Twin, for_ms: int) -> None:
     assert all(-SETTLE_M <= rise_m <= CREEP_M for rise_m in rises_m)
 
 
-@pytest.mark.parametrize("stop", one_in(2, interrupted(2)))
+@pytest.mark.parametrize("stop", one_in(3, interrupted(2)))
 def test_power_loss_in_every_step(stop: Stop) -> None:
     """After a power loss during a step, nothing moves before X0 is pressed, and the trial can be finished."""
     route = route_to(stop)
@@ -108,7 +108,7 @@ def test_power_loss_just_before_the_tray_is_in_place(earlier_ms: int, is_seen: b
     assert twin.plant.counts() == undisturbed(trays=2)
 
 
-@pytest.mark.parametrize("into_ms", one_in(2, [0, 20, 40, 80, 120]))
+@pytest.mark.parametrize("into_ms", one_in(3, [0, 20, 40, 80, 120]))
 def test_power_loss_as_the_last_row_leaves_its_tray_counts_the_tray_once(into_ms: int) -> None:
     """If power is lost as the lift leaves its lower limit, the row and the tray are counted at power-up."""
     twin = at_work({"trays_target": 1}, parameters=BRISK)

@@ -21,7 +21,7 @@ from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import begin_homing, home_again, press_emergency_stop, questions
 from tests.controller.program.modes.hands import jog_command, stop, to_manual
 from tests.plant_sim.twin.routes import BRISK, run_to
-from tests.plant_sim.twin.twin_rig import MACHINE, TRAY_MS, other_side, switched_on, tags_of
+from tests.plant_sim.twin.twin_rig import MACHINE, TRAY_MS, other_side, output_bits, switched_on, tags_of
 from tests.sampling import first_of, one_in
 from tests.wiring import unwired, wired
 
@@ -36,8 +36,8 @@ def machine(*, io_map: IoMap | None = None, trays: int = 1, **set_points: int) -
 
 
 def show_panel(twin: Twin) -> None:
-    """Connect an operator panel, which reads the controller in every scan."""
-    twin.watch(lambda each: each.runtime.panel.read())
+    """Connect an operator panel, which reads the controller ten times a second."""
+    twin.every(100, lambda each: each.runtime.panel.read())
 
 
 def power_lost_clamping(side: Side, io_map: IoMap | None = None) -> Twin:
@@ -270,7 +270,7 @@ def test_a_tray_is_not_conveyed_after_a_loss_of_memory(moment: str, is_seen: boo
     show_panel(twin)
     moved: list[int] = []
     run = twin.machine.tags.tray.driven["tray_run"]
-    twin.watch(lambda each: moved.append(each.now_ms) if evaluate(run, each.plc.memory) else None)
+    twin.watch(lambda each: moved.append(each.now_ms) if evaluate(run, each.plc.memory) else None, output_bits(twin))
     twin.run_for(200)
     begin_homing(twin)
     twin.run_until_state(State.HELD, within_ms=40_000)
@@ -347,7 +347,10 @@ def test_one_arm_works_alone(out: Side) -> None:
     twin.run_for(50)
     driven: set[str] = set()
     coils = tags_of(twin, out).coils
-    twin.watch(lambda each: driven.update(name for name, coil in coils.items() if evaluate(coil, each.plc.memory)))
+    twin.watch(
+        lambda each: driven.update(name for name, coil in coils.items() if evaluate(coil, each.plc.memory)),
+        output_bits(twin),
+    )
     twin.command(f"{other_side(out)}_out_of_service")
     twin.run_for(50)
     assert refusals(twin)[-1][1] is Refusal.OTHER_ARM_OUT

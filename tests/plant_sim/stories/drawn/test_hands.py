@@ -12,6 +12,7 @@ from plant_sim.stories.drawn.hands import Hands
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import press_emergency_stop, questions
 from tests.plant_sim.stories.drawn.story_rig import played
+from tests.sampling import one_in
 
 
 def working(for_ms: int = 9_000) -> tuple[Twin, Hands]:
@@ -83,7 +84,7 @@ def test_the_operator_tends_the_machine_from_an_emergency_stop_to_work() -> None
     assert hands.ordered == hands.acted == []
 
 
-@pytest.mark.parametrize("command", ["suspend", "hold", "stop", "abort", "complete"])
+@pytest.mark.parametrize("command", one_in(2, ["suspend", "hold", "stop", "abort", "complete"]))
 def test_the_operator_goes_on_after_a_command(command: str) -> None:
     story = played(f"seed=1 trays=2 work=9000; 100 command {command}")
     assert story.harms == []

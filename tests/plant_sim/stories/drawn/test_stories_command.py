@@ -27,15 +27,15 @@ def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, li
 
 def test_the_report_states_harm_coverage_and_what_never_acted(capsys: pytest.CaptureFixture[str]) -> None:
     """Two runs with the same seed print the same, another seed something else."""
-    code, lines = output(capsys, "--random", "2", "--seed", "4")
+    code, lines = output(capsys, "--random", "1", "--seed", "4")
     assert code == 0
     assert lines[0].startswith("requirement violated 0; exception 0; not recovered 0; silent harm 0; ")
-    assert lines[1].startswith("2 stories, seed 4, ")
+    assert lines[1].startswith("1 stories, seed 4, ")
     assert "of 31,280 state x step x fault kind" in lines[2]
     assert lines[3].startswith("never in effect: ")
     assert lines[-1] == "findings: none"
-    assert output(capsys, "--random", "2", "--seed", "4") == (code, lines)
-    assert output(capsys, "--random", "2", "--seed", "5")[1][1:3] != lines[1:3]
+    assert output(capsys, "--random", "1", "--seed", "4") == (code, lines)
+    assert output(capsys, "--random", "1", "--seed", "5")[1][1:3] != lines[1:3]
 
 
 @pytest.mark.nightly

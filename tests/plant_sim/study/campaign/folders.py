@@ -27,6 +27,8 @@ faults:
 """
 """Campaign of 16 runs."""
 SMALL_RUNS = 16
+FEW = "replicates: 3\nseedlings: 1\n"
+FEW_RUNS = 3
 LONG = ("--trials", "4")
 LONG_RUNS = 32
 """Campaign that takes long enough for a process to be killed before its end."""

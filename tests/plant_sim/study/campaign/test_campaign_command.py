@@ -28,6 +28,8 @@ from plant_sim.study.campaign.record import report_record
 from plant_sim.twin.trial import run_trial
 from tests.paths import DOCS, ROOT
 from tests.plant_sim.study.campaign.folders import (
+    FEW,
+    FEW_RUNS,
     LONG,
     LONG_RUNS,
     SMALL,
@@ -213,8 +215,7 @@ def test_a_damaged_file_is_reported_and_its_runs_are_computed_again(
     damage: object, complete: tuple[Path, Path], undisturbed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, out = complete
-    path = shards(out)[1]
-    lost = len(pd.read_parquet(path))
+    lost, path = min((len(pd.read_parquet(path)), path) for path in shards(out))
     assert callable(damage)
     damage(path)
     assert campaign(file, out, "--json") == 0
@@ -241,15 +242,13 @@ def test_remains_of_a_killed_process_and_copied_files_are_not_used(
 
 
 def test_results_of_another_version_are_not_mixed(
-    complete: tuple[Path, Path],
-    undisturbed: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A changed source moves the results away; after a return to the old source they are used again."""
-    file, out = complete
-    old = version.code_version()
+    file, out = written(tmp_path, FEW), tmp_path / "out"
+    assert campaign(file, out) == 0
+    capsys.readouterr()
+    before, old = table(out), version.code_version()
     changed = tmp_path / "changed.py"
     changed.write_text("# a changed source\n")
     sources = [*version.version_sources(), changed]
@@ -261,46 +260,48 @@ def test_results_of_another_version_are_not_mixed(
     version.code_version.cache_clear()
     printed = capsys.readouterr()
     record = json.loads(printed.out)
-    assert (record["computed"], record["version"]) == (SMALL_RUNS, new)
+    assert (record["computed"], record["version"]) == (FEW_RUNS, new)
     assert printed.err.splitlines()[0] == (
-        f"{out}: {SMALL_RUNS} runs of version {old} moved to other-versions; this is version {new}, which computes "
+        f"{out}: {FEW_RUNS} runs of version {old} moved to other-versions; this is version {new}, which computes "
         "them again"
     )
     rows = table(out)
     assert {row["version"] for row in rows} == {new} != {old}
-    assert {row["key"] for row in rows}.isdisjoint(keys(undisturbed))
+    assert {row["key"] for row in rows}.isdisjoint(row["key"] for row in before)
 
     assert campaign(file, out, "--json") == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out)["computed"] == 0
-    assert f"{SMALL_RUNS} runs of version {new} moved to other-versions" in printed.err
-    assert table(out) == table(undisturbed)
+    assert f"{FEW_RUNS} runs of version {new} moved to other-versions" in printed.err
+    assert table(out) == before
 
 
 def test_a_full_disk_is_reported_in_one_line_and_the_stored_runs_remain(
-    complete: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The operating system limits the size of files, so that a result file cannot be written."""
-    file, out = complete
+    file, out = written(tmp_path, FEW), tmp_path / "out"
+    assert campaign(file, out) == 0
+    capsys.readouterr()
     before = table(out)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
     try:
-        code = campaign(file, out, "--trials", "3", "--shard", "4")
+        code = campaign(file, out, "--trials", "5", "--shard", "1")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     errors = capsys.readouterr().err
     assert code == 2, errors
     (line,) = (line for line in errors.splitlines() if not line[0].isdigit())
     assert line == (
-        f"--out {out}: cannot be written (File too large); free some disk space or use another folder; {SMALL_RUNS} of "
-        "24 runs are stored, the same command computes the others"
+        f"--out {out}: cannot be written (File too large); free some disk space or use another folder; {FEW_RUNS} of "
+        "5 runs are stored, the same command computes the others"
     )
     assert table(out) == before
     assert list((out / "runs").glob("*.part")) == []
-    assert campaign(file, out, "--trials", "3", "--json") == 0
-    assert json.loads(capsys.readouterr().out)["computed"] == 8
-    assert len(set(keys(out))) == 24
+    assert campaign(file, out, "--trials", "5", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["computed"] == 2
+    assert len(set(keys(out))) == 5
 
 
 def test_a_folder_is_used_by_one_process_at_a_time(
@@ -371,5 +372,5 @@ def test_a_folder_that_is_not_a_campaign_is_not_changed(tmp_path: Path, capsys: 
 def test_a_file_is_written_when_its_oldest_run_is_due(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("plant_sim.study.campaign.campaign.SHARD_S", 0.0)
     out = tmp_path / "out"
-    assert campaign(written(tmp_path, "replicates: 3\nseedlings: 1\n"), out) == 0
-    assert len(shards(out)) == 3
+    assert campaign(written(tmp_path, FEW), out) == 0
+    assert len(shards(out)) == FEW_RUNS

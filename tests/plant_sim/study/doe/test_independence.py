@@ -94,7 +94,7 @@ def test_a_shared_part_of_the_traits_is_found_in_its_group(name: str) -> None:
     assert not found[name].is_independent(len(GROUPS)), found
 
 
-@pytest.mark.parametrize("tables", [25, pytest.param(600, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("tables", [12, pytest.param(600, marks=pytest.mark.nightly)])
 def test_independent_losses_raise_the_stated_false_alarms(tables: int) -> None:
     """Rows and claws of different shares, as in the twin, but no seedling depends on another."""
     rng = np.random.default_rng(1)

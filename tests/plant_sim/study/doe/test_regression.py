@@ -15,6 +15,7 @@ from plant_sim.common.polynomial import CONSTANT, Polynomial, model_matrix
 from plant_sim.study.doe.design import central_composite, latin_hypercube, two_level
 from plant_sim.study.doe.regression import fit, terms
 from plant_sim.study.errors import StudyError
+from tests.sampling import examples
 
 QUADRATIC = terms(3, "quadratic")
 DESIGN = central_composite(3, axial=1.6, centres=5)
@@ -40,6 +41,7 @@ def test_columns_of_terms() -> None:
     assert model_matrix(point, names).tolist() == [[1.0, 3.0, 10.0, 25.0, 18.0]]
 
 
+@examples(30, nightly=100)
 @given(coefficients)
 def test_known_coefficients_are_recovered(values: list[int]) -> None:
     found = fit(DESIGN, noisy(values, 0, sd=1e-9), QUADRATIC)
@@ -51,6 +53,7 @@ def test_known_coefficients_are_recovered(values: list[int]) -> None:
     assert found.predict(fresh[0]) == pytest.approx(expected[:1], abs=1e-6)
 
 
+@examples(30, nightly=100)
 @given(coefficients, seeds)
 def test_the_analysis_of_variance_adds_up(values: list[int], seed: int) -> None:
     found = fit(DESIGN, noisy(values, seed), QUADRATIC)
@@ -62,6 +65,7 @@ def test_the_analysis_of_variance_adds_up(values: list[int], seed: int) -> None:
     assert found.row("pure error").sum_of_squares == pytest.approx(4 * found.response[-5:].var(ddof=1))
 
 
+@examples(30, nightly=100)
 @given(coefficients, seeds, st.sampled_from(QUADRATIC))
 def test_the_sum_of_squares_of_a_term_is_the_increase_of_the_residual_without_it(
     values: list[int], seed: int, term: str
@@ -74,6 +78,7 @@ def test_the_sum_of_squares_of_a_term_is_the_increase_of_the_residual_without_it
     assert whole.row(term).p == pytest.approx(whole.coefficients[term].p)
 
 
+@examples(30, nightly=100)
 @given(coefficients, seeds)
 def test_r2_and_its_adjustment(values: list[int], seed: int) -> None:
     found = fit(DESIGN, noisy(values, seed), QUADRATIC)

@@ -16,7 +16,7 @@ from plant_sim.study.errors import StudyError
 from plant_sim.study.throughput.critical_path import Round, by_device, by_motion, critical_path, rounds
 from plant_sim.study.throughput.timeline import ARM, FEEDER, MOTIONS, StepInterval, Throw, Timeline, TimelineRecorder
 from plant_sim.twin.lock_step import Twin
-from tests.sampling import first_of
+from tests.sampling import examples, first_of
 
 Steps = list[tuple[str, int]]
 """Steps with their end times, ms; the first starts at 0."""
@@ -158,6 +158,7 @@ def steps_of(sequence: str) -> st.SearchStrategy[Steps]:
     )
 
 
+@examples(40, nightly=100)
 @given(
     steps_of(ARM["left"]),
     steps_of(ARM["right"]),
@@ -215,7 +216,7 @@ def round_to_row_two(all_rounds: dict[Side, tuple[Round, ...]], side: Side) -> R
     return next(each for each in all_rounds[side] if (each.since.row, each.throw.row) == (1, 2))
 
 
-@pytest.mark.parametrize("frequency_per_min", [45.0, 75.0, 90.0])
+@pytest.mark.parametrize("frequency_per_min", first_of([90.0, 45.0, 75.0]))
 def test_every_round_of_a_run_equals_its_path(frequency_per_min: float) -> None:
     """Each arm has five rounds; each path extends from throw to throw without gap or overlap."""
     for arm_rounds in observed_rounds(frequency_per_min).values():

@@ -73,7 +73,7 @@ def test_the_alarm_leads_to_the_stuck_switch() -> None:
     assert found.proof.change == "mend=stuck_off:left.lift_up@1383"
 
 
-@pytest.mark.parametrize(("fault", "alarm"), first_of([*STOPS.items()], 2))
+@pytest.mark.parametrize(("fault", "alarm"), first_of([*STOPS.items()]))
 def test_each_alarm_leads_to_its_fault_and_the_replay_proves_it(fault: str, alarm: str) -> None:
     found = why(played(fault), alarm)
     assert found.cause is not None
@@ -128,7 +128,7 @@ def test_a_press_of_the_operator_is_the_cause_of_a_start() -> None:
 SAFEGUARDS = {"stop": ("D100", "X24"), "emergency_stop": ("S900", "X25"), "guard": ("S976", "X40")}
 
 
-@pytest.mark.parametrize("button", first_of(SAFEGUARDS, 2))
+@pytest.mark.parametrize("button", first_of(SAFEGUARDS))
 def test_a_safeguard_is_the_cause_and_is_never_changed(button: str) -> None:
     """Y2 is asked while the safeguard acts; no set contains it, and no replay removes it."""
     device, terminal = SAFEGUARDS[button]

@@ -131,10 +131,10 @@ def test_only_rest_without_an_alarm_counts_from_the_last_press_of_the_operator()
 
 
 def test_an_open_question_is_told() -> None:
-    asked = QuestionEvent(2_000, "tray", active=True, text=Text.plain("Which tray?"))
+    asked = QuestionEvent(2_000, "left_loaded", active=True, text=Text.plain("左臂是否夹有苗？"))
     held = StateEvent(2_000, State.HELD, Text.plain("Held"), Text.plain("operator answer required"))
-    assert reported(held, asked).rest == Rest(2_000, "Held: Which tray?")
-    answered = QuestionEvent(3_000, "tray", active=False, text=Text.plain("Which tray?"))
+    assert reported(held, asked).rest == Rest(2_000, "Held: Is the left arm holding seedlings?")
+    answered = replace(asked, at_ms=3_000, active=False)
     rest = reported(held, asked, answered).rest
     assert rest is not None
     assert (rest.since_ms, rest.text) == (3_000, "Held, without an alarm or a question")

@@ -135,8 +135,8 @@ def test_a_trial_waits_on_request_until_its_limit(
     command: tuple[str, ...], exported: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = [exported] if "--ladder" in command else []
-    out = printed(capsys, *command, *file, "--wait", "--max-s", "30", "--fault", FAULT)
-    assert "not complete after 30 s of machine time: " in out.splitlines()[0]
+    out = printed(capsys, *command, *file, "--wait", "--max-s", "18", "--fault", FAULT)
+    assert "not complete after 18 s of machine time: " in out.splitlines()[0]
 
 
 @pytest.mark.parametrize("seconds", ["0", "1000001"])
@@ -304,17 +304,19 @@ def test_a_signal_ends_a_trial_of_a_program_with_its_report(
 
 
 @pytest.mark.parametrize(
-    ("flashes", "expected"),
+    ("flashes", "max_s", "expected"),
     first_of(
         [
-            (0, ["start", "emergency_stop", "stop", "start", "start", "emergency_stop", "stop", "start"]),
-            (4, ["start", "start", "start", "start"]),
-            (5, ["start", "stop", "stop", "stop"]),
+            (0, 40, ["start", "emergency_stop", "stop", "start"]),
+            (0, 75, ["start", "emergency_stop", "stop", "start", "start", "emergency_stop", "stop", "start"]),
+            (4, 75, ["start", "start", "start", "start"]),
+            (5, 75, ["start", "stop", "stop", "stop"]),
         ]
     ),
 )
 def test_the_operator_of_a_program_answers_a_question_and_otherwise_confirms_constants(
     flashes: int,
+    max_s: int,
     expected: list[str],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -339,9 +341,9 @@ def test_the_operator_of_a_program_answers_a_question_and_otherwise_confirms_con
     monkeypatch.setattr(ladder_trial, "Plant", Asking)
     program = tmp_path / "idle.il"
     program.write_text("LD X0\nOUT M0\nEND\n", encoding="utf-8")
-    out = printed(capsys, "trial", "--ladder", str(program), "--max-s", "75")
+    out = printed(capsys, "trial", "--ladder", str(program), "--max-s", str(max_s))
     assert pressed == expected
-    assert out.startswith("the trial did not complete: not complete after 75 s of machine time: nothing moves\n")
+    assert out.startswith(f"the trial did not complete: not complete after {max_s} s of machine time: nothing moves\n")
 
 
 # --- seedlings that are left ---------------------------------------------------------------------------

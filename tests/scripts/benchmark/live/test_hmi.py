@@ -19,7 +19,7 @@ from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import LiveError, Process
 from scripts.benchmark.live import hmi, hmi_load
 from scripts.benchmark.live.hmi import Attendant, measure_malformed, measure_punctuality
-from scripts.benchmark.live.ladder_page import measure_ladder_page
+from scripts.benchmark.live.ladder_page import LOOK, looks_of, measure_ladder_page
 from scripts.benchmark.live.punctuality import Punctuality
 from tests.controller.hmi.hmi_rig import HmiRig, read_long
 
@@ -31,13 +31,15 @@ def last_report(capsys: pytest.CaptureFixture[str]) -> dict[str, int]:
 
 
 @contextmanager
-def server(serve: Callable[[socket.socket], None]) -> Iterator[int]:
-    """Serve one connection with a function; yield the port number."""
+def server(serve: Callable[[socket.socket], None], connections: int = 1) -> Iterator[int]:
+    """Serve one connection after another with a function; yield the port number."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(10)  # a client that does not connect leaves no thread behind
 
         def accept() -> None:
-            with listener.accept()[0] as connection:
-                serve(connection)
+            for _ in range(connections):
+                with listener.accept()[0] as connection:
+                    serve(connection)
 
         thread = threading.Thread(target=accept)
         thread.start()
@@ -197,6 +199,33 @@ def test_scans_with_a_ladder_page_are_measured_beside_a_bare_loop() -> None:
     assert figures["looks"] > 1
     others_ms = (figures["open_bare_p99"], figures["closed_bare_p99"], figures["closed_p99"])
     assert figures["open_p99"] <= 2 * max(others_ms)
+
+
+@contextmanager
+def page(*replies: bytes) -> Iterator[str]:
+    """Serve one answer on each connection and close it; yield the URL."""
+    remaining = iter(replies)
+
+    def serve(connection: socket.socket) -> None:
+        assert connection.recv(1_000).startswith(f"GET {LOOK} ".encode())
+        connection.sendall(next(remaining))
+
+    with server(serve, connections=len(replies)) as port:
+        yield f"http://127.0.0.1:{port}/"
+
+
+NO_SCAN = b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 2\r\n\r\n{}"
+SCAN = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}"
+
+
+def test_a_look_is_repeated_on_a_new_connection_when_the_kept_one_was_closed() -> None:
+    with page(NO_SCAN, SCAN) as url:
+        assert looks_of(url, for_s=0) == 1
+
+
+def test_a_page_that_closes_the_new_connection_too_is_an_error() -> None:
+    with page(NO_SCAN, b"") as url, pytest.raises(ConnectionError):
+        looks_of(url, for_s=0)
 
 
 @pytest.mark.nightly

@@ -80,7 +80,7 @@ def assert_sound(memory: Memory) -> None:
     assert all(isinstance(bit, bool) for kind in "XYMSTC" for bit in memory.bits(kind))
 
 
-@examples(50, nightly=100)
+@examples(30, nightly=100)
 @given(instructions(), memories())
 def test_instruction_runs_or_changes_nothing(instruction: tuple[Form, tuple[Operand, ...]], memory: Memory) -> None:
     form, operands = instruction

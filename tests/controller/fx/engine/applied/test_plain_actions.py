@@ -65,7 +65,7 @@ def executed(plc: FxPlc, before: Memory) -> Memory:
     return plc.memory
 
 
-@examples(40, nightly=120)
+@examples(20, nightly=120)
 @given(ladders(), memories())
 @example(always("MUL D0 D1 D7999"), Memory())
 @example(always("MUL D0 D1 D8255"), Memory())

@@ -19,6 +19,7 @@ from controller.program.states import State
 from controller.program.texts.operator import Text
 from tests.controller.hmi.panel.page.panel_page_rig import LiveMachine, PanelProcess
 from tests.controller.hmi.panel.page.screen import Screen
+from tests.sampling import first_of
 
 MINUTE_MS: Final = 60_000
 TRAYS: Final = 50
@@ -54,7 +55,7 @@ def panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
         yield process
 
 
-@pytest.fixture(params=[False, True], ids=["desk", "cab"])
+@pytest.fixture(params=first_of([False, True]), ids=["desk", "cab"])
 def screen(request: pytest.FixtureRequest, panel: PanelProcess, browser: Browser) -> Iterator[Screen]:
     with Screen(browser, panel.url, touch=request.param) as opened:
         opened.open("history")

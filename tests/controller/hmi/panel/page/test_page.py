@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import signal
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -34,6 +35,7 @@ from tests.controller.hmi.panel.page.screen import (
     press_unavailable,
 )
 from tests.controller.hmi.panel.test_chinese import CHINESE, latin_words, punctuation_errors
+from tests.sampling import first_of
 
 STALE_MS = 1_000
 DRAW_MS = 500
@@ -74,10 +76,11 @@ def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station
     clear(screen, live)
 
 
-def test_every_page_opens_by_its_address(stopped: Station, browser: Browser) -> None:
-    """As after a reload: the page is built before the first view."""
+@pytest.mark.parametrize("pages", first_of([["manual", "history", "menu"], [*PAGES, "menu"]]), ids=len)
+def test_every_page_opens_by_its_address(stopped: Station, browser: Browser, pages: Sequence[str]) -> None:
+    """As after a reload: the page is built before the first view. Three pages by default."""
     with Screen(browser, stopped.panel.url, "operate") as screen:
-        for page in (*PAGES, "menu"):
+        for page in pages:
             screen.page.goto("about:blank")  # the page before may still open another one after the login
             screen.page.goto(f"{stopped.panel.url}/#{page}")
             expect(screen.find("body")).to_have_attribute("data-link", "live")
@@ -152,6 +155,7 @@ def test_first_run_asks_for_both_passwords_and_the_page_survives_a_restart(
         screen.page.context.close()
 
 
+@pytest.mark.nightly
 def test_a_page_without_a_place_tells_so(stopped: Station, browser: Browser) -> None:
     url = stopped.panel.url
     with Screen(browser, url) as screen, ExitStack() as stack:
