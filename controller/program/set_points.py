@@ -35,8 +35,8 @@ exceed a register."""
 ROWS_DIFFER_X10_MS: Final = 25
 """Largest difference between the times of the last cups of both rows at which a row is released. It is twice the
 permitted change from cup to cup (`cups.SLOW_CHANGE_X10_MS`), because the cups of the other row have passed earlier by
-up to one cup. If the cups of one row are even, and those of the other one are shorter by more, the other one counts
-twice."""
+up to one cup; a frequency that rises and falls within this cup can make it larger. If the cups of one row are even, and
+those of the other one are shorter by more, the other one counts twice."""
 GROUND_PER_CUP_LEAST: Final = 6
 """Least number of ground pulses from cup to cup: the drive wheel travels 0.40 m, eight pulses, from cup to cup. If both
 rows are counted twice, there are four."""
