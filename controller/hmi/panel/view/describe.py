@@ -24,7 +24,7 @@ from controller.program.tags import ROWS, SIDES
 from controller.program.texts.alarms.locations import LOCATIONS
 from controller.program.texts.isolation import ISOLATION
 from controller.program.texts.next_press import NEXT_PRESSES
-from controller.program.texts.operator import LANGUAGES, MODES, QUESTIONS, REASONS, STATES, Language, Text
+from controller.program.texts.operator import LANGUAGES, MODES, REASONS, STATES, Language, Text, question_text
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
 GEOMETRY: Final = {
@@ -232,15 +232,14 @@ def _point(point: Point) -> Json:
 
 def _questions() -> Iterator[Json]:
     for side in SIDES:
-        answers = [f"{side}_loaded_yes", f"{side}_loaded_no", f"{side}_discard"]
-        yield _question(f"{side}_loaded", QUESTIONS["loaded"].of(SIDE_TEXTS[side]), answers)
-        yield _question(f"{side}_cups", QUESTIONS["cups"].of(SIDE_TEXTS[side]), ["cups_empty"])
-    yield _question("tray", QUESTIONS["tray"], ["tray_same", "tray_full", "tray_none"])
+        yield _question(f"{side}_loaded", [f"{side}_loaded_yes", f"{side}_loaded_no", f"{side}_discard"])
+        yield _question(f"{side}_cups", ["cups_empty"])
+    yield _question("tray", ["tray_same", "tray_full", "tray_none"])
 
 
-def _question(key: str, text: Text, answers: list[str]) -> Json:
-    options: list[Any] = [{"command": name, "text": _label(f"command.{name}", name)} for name in answers]
-    return {"key": key, "text": in_both(text), "answers": options}
+def _question(name: str, answers: list[str]) -> Json:
+    options: list[Any] = [{"command": answer, "text": _label(f"command.{answer}", answer)} for answer in answers]
+    return {"key": name, "text": in_both(question_text(name)), "answers": options}
 
 
 def _step(sequence: Sequence, step: Step) -> Json:
